@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench -p trex-benches --bench codec
-//! gen:KIND:COUNT -> build -> all its pages -> encode | install | page (hash, unpack, install)
+//! gen:KIND:COUNT -> build -> all its pages -> encode | install | arrival (hash, head, nodes) | page (all of it)
 //! ```
 //!
 //! Invariant: the unit is bytes of frames in use, whatever the pages are on disk: these are what rays wait for.
@@ -78,7 +78,7 @@ fn walk(view: &FrameView<'_>, at: FrameRef, content: &mut PageContent, clusters_
     let index = content.nodes.len();
     content.nodes.push(Vec::new());
     let node = view.node(at);
-    for &word in &node.child[..usize::from(node.child_count)] {
+    for word in node.words() {
         let child = walk(view, FrameRef(word), content, clusters_met);
         content.nodes[index].push(child);
     }
@@ -97,6 +97,16 @@ fn codec(criterion: &mut Criterion) {
             bencher.iter(|| {
                 for packed in &pages.packed {
                     install(black_box(packed), lattice_bits, &mut frame).expect("a sound page");
+                }
+            });
+        });
+        group.bench_function(BenchmarkId::new("arrival", model), |bencher| {
+            bencher.iter(|| {
+                for (page, stored) in pages.stored.iter().enumerate() {
+                    let stored = black_box(stored);
+                    let result =
+                        PageStore::install(&pages.file, page as u32, stored, &mut frame, &mut scratch);
+                    result.expect("a sound page");
                 }
             });
         });

@@ -4,7 +4,8 @@
 //! ```text
 //! tables    kind of a section (1 byte: 1 page table, 3 materials, 4 emitters), the section
 //! tree      0, the top tree; or 1, of a page of the mesh, all that stands before its clusters
-//! cluster   bits of the lattice, widths of its base, bits of a material (5 bytes), a cluster: alone in its page
+//! cluster   bits of the lattice, widths of its base, bits of a material and of its bytes (6 bytes), its entry, a
+//!           cluster: alone in its page
 //! octree    kind of a section (1 byte: 5 upper, 6 lower), the section
 //! units     a page of units, unpacked
 //! colours   a page of colours, unpacked
@@ -18,14 +19,17 @@ use trex_store::layout::{
     FRAME_BYTES, PAGE_ENTRY_BYTES, Packing, PageEntry, PageKind, SectionKind, Superblock,
 };
 
-/// Bytes of a page before the kinds of its roots; where its counts of nodes and roots stand, and the bits of a
-/// material.
-const PAGE_HEAD_BYTES: usize = 24;
+/// Bytes of a page before the kinds of its roots; where its counts of nodes and roots stand, the widths of bases and
+/// the bits of a material, and the bits of a cluster's bytes.
+const PAGE_HEAD_BYTES: usize = 25;
 const NODE_COUNT_AT: usize = 2;
 const ROOT_COUNT_AT: usize = 4;
 const WIDTHS_AT: usize = 5;
+const SIZE_BITS_AT: usize = 24;
+/// Bits of an entry beside those of its base and of its bytes.
+const ENTRY_BITS: usize = 7 + 2 * 18;
 /// Bytes before a cluster that say how it is packed.
-const CLUSTER_SEED_BYTES: usize = 5;
+const CLUSTER_SEED_BYTES: usize = 6;
 /// Most emitters of a seed.
 const SEED_EMITTERS_BYTES: usize = 8 * 80;
 
@@ -76,14 +80,15 @@ pub fn tree(bytes: &[u8]) {
 
 /// A cluster, alone in its page.
 pub fn cluster(bytes: &[u8]) {
-    let Some((&[bits, x, y, z, material], cluster)) = bytes.split_first_chunk::<CLUSTER_SEED_BYTES>() else {
+    let Some((&[bits, x, y, z, material, size], cluster)) = bytes.split_first_chunk::<CLUSTER_SEED_BYTES>()
+    else {
         return;
     };
     let counts = [1, 0, 0, 0, 1];
     let widths = [x % 41, y % 41, z % 41, material % 17];
-    // Behind them the anchor, and the kind of the one root.
-    let zeros = [0; PAGE_HEAD_BYTES - WIDTHS_AT - 4 + 1];
-    page(&[&[bits][..], &counts, &widths, &zeros, cluster].concat());
+    let anchor = [0; SIZE_BITS_AT - WIDTHS_AT - 4];
+    // Behind the bits of its bytes, the kind of the one root.
+    page(&[&[bits][..], &counts, &widths, &anchor, &[size % 17, 0], cluster].concat());
 }
 
 /// A page of units, unpacked.
@@ -107,10 +112,18 @@ fn page_of(file: &[u8], kind: PageKind, content: &[u8]) {
     }
 }
 
-/// Where the clusters of a page begin.
-fn clusters_at(page: &[u8]) -> usize {
+/// Where the entries of a page begin.
+fn entries_at(page: &[u8]) -> usize {
     let nodes = u16::from_le_bytes([page[NODE_COUNT_AT], page[NODE_COUNT_AT + 1]]);
     PAGE_HEAD_BYTES + usize::from(page[ROOT_COUNT_AT]).div_ceil(8) + 2 * usize::from(nodes)
+}
+
+/// Where its clusters begin.
+fn clusters_at(page: &[u8]) -> usize {
+    let count = usize::from(u16::from_le_bytes([page[0], page[1]]));
+    let widths = page[WIDTHS_AT..][..3].iter().chain(&page[SIZE_BITS_AT..][..1]);
+    let bits = ENTRY_BITS + widths.map(|&bits| usize::from(bits)).sum::<usize>();
+    entries_at(page) + (count * bits).div_ceil(8)
 }
 
 /// The content of the first page of a kind, unpacked.
@@ -152,14 +165,16 @@ pub fn sound(small: &[u8]) -> Vec<(&'static str, &'static str, Vec<u8>)> {
     let mut emitters = section(&SHEET, SectionKind::Emitters);
     emitters.truncate(1 + SEED_EMITTERS_BYTES);
     let one = unpacked(small, PageKind::Mesh);
-    let packing = [&[block_of(small).lattice_bits as u8][..], &one[WIDTHS_AT..][..4]].concat();
+    let packing =
+        [&[block_of(small).lattice_bits as u8][..], &one[WIDTHS_AT..][..4], &one[SIZE_BITS_AT..][..1]]
+            .concat();
     vec![
         ("tables", "pages", section(&SHEET, SectionKind::PageTable)),
         ("tables", "materials", section(&SHEET, SectionKind::Materials)),
         ("tables", "emitters", emitters),
         ("tree", "top", [&[0][..], &top[1..]].concat()),
         ("tree", "page", [&[1][..], &page[..clusters_at(&page)]].concat()),
-        ("cluster", "small", [packing, one[clusters_at(&one)..].to_vec()].concat()),
+        ("cluster", "small", [packing, one[entries_at(&one)..].to_vec()].concat()),
         ("octree", "upper", section(UNITS, SectionKind::Upper)),
         ("octree", "lower", section(UNITS, SectionKind::Lower)),
         ("colours", "coloured", unpacked(COLOURED, PageKind::Colours)),

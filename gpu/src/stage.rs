@@ -252,7 +252,7 @@ impl LookUps {
         match pages.page(page) {
             Page::Ready(_) | Page::Damaged if is_full => true,
             Page::Ready(frame) => {
-                self.uploads.push(UnitUpload { page, frame: Some(frame.into()) });
+                self.uploads.push(UnitUpload { page, frame: Some(frame.bytes().into()) });
                 self.pages.insert(page)
             }
             Page::Damaged => {

@@ -15,7 +15,8 @@ pub(crate) fn outline(file: &PageFile) -> Arc<[Aabb]> {
     let block = file.superblock();
     let children = |index: u32| {
         let node = &file.top()[index as usize];
-        (0..usize::from(node.child_count)).map(move |i| (node.child_box(i, block.node_shift), node.child[i]))
+        (0..usize::from(node.boxes.child_count))
+            .map(move |i| (node.boxes.child_box(i, block.node_shift), node.child[i]))
     };
     let TopRef::Node(root) = TopRef::from_word(block.root) else { return Arc::default() };
     let mut boxes: Vec<(LatticeBox, u32)> = children(root).collect();

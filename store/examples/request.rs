@@ -28,7 +28,7 @@ fn main() -> Result<(), Error> {
         pool.submit(0, &next.collect::<Vec<_>>());
         missing.retain(|&page| {
             let Some(pin) = pool.try_pin(page) else { return !pool.is_damaged(page) };
-            FrameView::new(pool.bytes(&pin)).for_each_cluster(|cluster| {
+            FrameView::new(pool.frame(&pin)).for_each_cluster(|cluster| {
                 clusters += 1;
                 triangles += cluster.triangle_count();
             });

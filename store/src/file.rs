@@ -6,22 +6,19 @@
 //! written; 4. what does not match its hash is read again before it counts as damaged (`twice`).
 
 use crate::budget::{Budget, Lease};
-use crate::cluster::{Colour, FrameView, Node, Normal, install, install_values};
-use crate::error::{Code, Error, Result};
-use crate::io::{Backend, Extent, IoOptions, Origin};
+use crate::cluster::Node;
+use crate::error::Result;
+use crate::io::Origin;
 use crate::layout::*;
 use crate::material::Material;
 use crate::material_list::MaterialList;
 use crate::material_names::MaterialNames;
-use crate::next_step::NextStep;
-use crate::octree::{
-    LowerLinks, LowerSize, Refinement, UnitsContext, UpperOctree, UpperSize, VoxelGrid, install_units,
-};
-use crate::pool::PageStore;
+use crate::octree::{LowerLinks, LowerSize, Refinement, UpperOctree, UpperSize, VoxelGrid};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+mod pages;
 mod sections;
 mod sizes;
 mod tables;
@@ -55,8 +52,8 @@ impl PageFile {
     /// Opens a file and its tables; no page is read. The tables' memory is leased from `budget`.
     ///
     /// # Errors
-    /// [`Code::InputUnreadable`], [`Code::InputFormat`], [`Code::Version`], [`Code::Damaged`],
-    /// [`Code::MemoryLimit`], [`Code::Io`].
+    /// [`crate::Code::InputUnreadable`], [`crate::Code::InputFormat`], [`crate::Code::Version`],
+    /// [`crate::Code::Damaged`], [`crate::Code::MemoryLimit`], [`crate::Code::Io`].
     pub fn open(path: &Path, budget: &Budget) -> Result<PageFile> {
         let file = Origin::open(path)?;
         let block = read_superblock(&file, path)?;
@@ -131,7 +128,7 @@ impl PageFile {
     /// Sizes of the resident octree, by its head; `None` for a file without.
     ///
     /// # Errors
-    /// [`Code::Damaged`], [`Code::Io`].
+    /// [`crate::Code::Damaged`], [`crate::Code::Io`].
     pub fn upper_size(&self) -> Result<Option<UpperSize>> {
         upper_size(&self.file, &self.block, &self.path)
     }
@@ -139,7 +136,7 @@ impl PageFile {
     /// Reads the resident octree; `None` for a file without. Its memory is leased from `budget`.
     ///
     /// # Errors
-    /// [`Code::Damaged`], [`Code::MemoryLimit`], [`Code::Io`].
+    /// [`crate::Code::Damaged`], [`crate::Code::MemoryLimit`], [`crate::Code::Io`].
     pub fn upper(&self, budget: &Budget) -> Result<Option<(UpperOctree, Lease)>> {
         let kind = SectionKind::Upper;
         let (Some(section), Some(size)) = (self.block.find_section(kind), self.upper_size()?) else {
@@ -157,7 +154,7 @@ impl PageFile {
     /// Sizes of the links to units, by the head of their section; `None` for a file whose upper leaves are the finest.
     ///
     /// # Errors
-    /// [`Code::Damaged`], [`Code::Io`].
+    /// [`crate::Code::Damaged`], [`crate::Code::Io`].
     pub fn lower_size(&self) -> Result<Option<LowerSize>> {
         lower_size(&self.file, &self.block, &self.path)
     }
@@ -166,7 +163,7 @@ impl PageFile {
     /// finest. Their memory is leased from `budget`. The units themselves are pages.
     ///
     /// # Errors
-    /// [`Code::Damaged`], [`Code::MemoryLimit`], [`Code::Io`].
+    /// [`crate::Code::Damaged`], [`crate::Code::MemoryLimit`], [`crate::Code::Io`].
     pub fn lower(&self, upper: &UpperOctree, budget: &Budget) -> Result<Option<(LowerLinks, Lease)>> {
         let kind = SectionKind::Lower;
         let (Some(section), Some(size)) = (self.block.find_section(kind), self.lower_size()?) else {
@@ -240,101 +237,6 @@ impl PageFile {
     pub fn resident_table_bytes(&self) -> u64 {
         kept_bytes(&self.block)
     }
-
-    /// Checks the stored bytes of `page` and decodes them into `frame` (64 KiB). `scratch` is reused memory.
-    ///
-    /// # Errors
-    /// [`Code::Damaged`] with the page's place; the frame's content is then not specified.
-    pub fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
-        self.check_hash(page, stored)?;
-        let entry = &self.pages[page as usize];
-        let raw = match entry.packing {
-            Packing::Raw => stored,
-            Packing::Lz4 => {
-                scratch.resize(entry.unpacked_bytes as usize, 0);
-                match lz4_flex::block::decompress_into(stored, scratch) {
-                    Ok(length) if length == scratch.len() => scratch.as_slice(),
-                    _ => return Err(self.damaged_page(page, "a page cannot be unpacked")),
-                }
-            }
-        };
-        if raw.len() != entry.unpacked_bytes as usize {
-            return Err(self.damaged_page(page, "a page has another length than its table says"));
-        }
-        if entry.kind == PageKind::Units {
-            let is_units = &|page| self.has_units(page);
-            let context = UnitsContext { material_count: self.materials.len(), is_units };
-            return install_units(raw, &context, frame).map_err(|what| self.damaged_page(page, what));
-        }
-        let installed = match entry.kind {
-            PageKind::Colours => Some(install_values::<Colour>(raw, frame)),
-            PageKind::Normals => Some(install_values::<Normal>(raw, frame)),
-            PageKind::Mesh | PageKind::Units => None,
-        };
-        if let Some(installed) = installed {
-            return installed.map_err(|what| self.damaged_page(page, what));
-        }
-        install(raw, self.block.lattice_bits, frame).map_err(|what| self.damaged_page(page, what))?;
-        let view = FrameView::new(frame);
-        let sound = view.root_count() >= usize::from(self.root_counts[page as usize])
-            && view.triangle_count() == entry.triangle_count as usize
-            && usize::from(view.greatest_material()) < self.materials.len();
-        if sound { Ok(()) } else { Err(self.damaged_page(page, "a page is not what the tables say of it")) }
-    }
-
-    /// Reads and installs one page on the calling thread, without a pool.
-    ///
-    /// # Errors
-    /// Those of [`PageFile::install`], and [`Code::Io`].
-    pub fn read_page(&self, page: u32, frame: &mut [u8], buffers: &mut [Vec<u8>; 2]) -> Result<()> {
-        let entry = &self.pages[page as usize];
-        let [stored, scratch] = buffers;
-        stored.resize(entry.stored_bytes as usize, 0);
-        twice(&self.file, (entry.offset, u64::from(entry.stored_bytes)), || {
-            self.read_stored(page, stored)?;
-            self.install(page, stored, frame, scratch)
-        })
-    }
-
-    /// Tells that pages are read one by one from `page` on: behind HTTP they come in runs then.
-    pub(crate) fn fetch_run(&self, page: u32) {
-        let entry = &self.pages[page as usize];
-        let end = self.pages.last().map_or(0, |last| last.offset + u64::from(last.stored_bytes));
-        self.file.fetch_run((entry.offset, u64::from(entry.stored_bytes)), end);
-    }
-
-    /// Reads one page and compares it with its hash; nothing is decoded.
-    pub(crate) fn check_page(&self, page: u32, stored: &mut Vec<u8>) -> Result<()> {
-        let entry = &self.pages[page as usize];
-        stored.resize(entry.stored_bytes as usize, 0);
-        twice(&self.file, (entry.offset, u64::from(entry.stored_bytes)), || {
-            self.read_stored(page, stored)?;
-            self.check_hash(page, stored)
-        })
-    }
-
-    fn check_hash(&self, page: u32, stored: &[u8]) -> Result<()> {
-        let expected = self.pages[page as usize].hash;
-        let found = page_hash(stored, self.block.file_id, page);
-        if found == expected {
-            return Ok(());
-        }
-        let numbers = format!("page {page}: hash {found:016x}, expected {expected:016x}");
-        Err(self.damaged_page(page, "a page does not match its hash").numbers(numbers))
-    }
-
-    /// The bytes of a page as they lie in the file, unchecked.
-    fn read_stored(&self, page: u32, stored: &mut [u8]) -> Result<()> {
-        let offset = self.pages[page as usize].offset;
-        self.file.read_exact_at(stored, offset).map_err(|e| Error::io("read", &self.path, &e))
-    }
-
-    fn damaged_page(&self, page: u32, what: &str) -> Error {
-        Error::new(Code::Damaged, what)
-            .at_byte(&self.path, self.pages[page as usize].offset)
-            .numbers(format!("page {page}, {} bytes", self.pages[page as usize].stored_bytes))
-            .next(NextStep::Verify)
-    }
 }
 
 /// Sections that opening reads one after the other, each a way to the server and back where the file is behind one.
@@ -358,32 +260,4 @@ fn opening_bytes(file: &Origin, block: &Superblock) -> u64 {
     let ahead: u64 = parts_at_opening(block).iter().map(|&(_, bytes)| bytes).sum();
     let ahead = if file.begins_at_end() { ahead } else { 0 };
     table_bytes(block).saturating_add(ahead).saturating_add(file.connection_bytes())
-}
-
-impl PageStore for PageFile {
-    fn page_count(&self) -> u32 {
-        self.pages.len() as u32
-    }
-
-    fn extent(&self, page: u32) -> Extent {
-        let entry = &self.pages[page as usize];
-        Extent { offset: entry.offset, stored_bytes: entry.stored_bytes }
-    }
-
-    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
-        PageFile::install(self, page, stored, frame, scratch)
-    }
-
-    fn read_again(&self, page: u32, stored: &mut [u8]) -> Result<bool> {
-        self.file.drop_cached(self.pages[page as usize].offset, stored.len() as u64);
-        self.read_stored(page, stored).map(|()| true)
-    }
-
-    fn frame_bytes(&self) -> usize {
-        FRAME_BYTES
-    }
-
-    fn backend(&self, path: &Path, options: &IoOptions) -> Result<Box<dyn Backend>> {
-        self.file.backend(path, options)
-    }
 }

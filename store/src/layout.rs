@@ -22,7 +22,7 @@ pub use superblock::{Section, Superblock};
 /// First bytes of a file. The line ends show a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
 /// Version of the format; another one is refused.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// Required features that this build knows. A bit that is not known here refuses the file.
 pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER | FEATURE_COLOURS | FEATURE_NORMALS;
 /// The file has pages of units, and the section that links them.

@@ -250,7 +250,7 @@ impl Check<'_> {
             match result {
                 Ok(())
                     if is_decoded
-                        && FrameView::new(&frame).triangle_count() != entry.triangle_count as usize =>
+                        && FrameView::new(&frame[..]).triangle_count() != entry.triangle_count as usize =>
                 {
                     self.verdict.add_page(file, page, "a page holds another count of triangles", &mut boxes);
                 }
@@ -332,9 +332,9 @@ pub(crate) fn each_child_box(file: &PageFile, mut found: impl FnMut(u32, Aabb)) 
         found(page, block.bounds);
     }
     for node in file.top() {
-        for i in 0..usize::from(node.child_count) {
+        for i in 0..usize::from(node.boxes.child_count) {
             if let TopRef::Page { page, .. } = TopRef::from_word(node.child[i]) {
-                let child = node.child_box(i, block.node_shift);
+                let child = node.boxes.child_box(i, block.node_shift);
                 let (lo, hi) = (block.lattice.position(child.lo), block.lattice.position(child.hi));
                 found(page, Aabb { lo, hi });
             }

@@ -53,7 +53,7 @@ struct WithoutColours<'a> {
 
 impl Pages for WithoutColours<'_> {
     fn page(&mut self, page: u32) -> Page<'_> {
-        if self.file.has_mesh(page) { Page::Ready(self.all.frame(page)) } else { Page::Missing }
+        if self.file.has_mesh(page) { Page::Ready(self.all.frame(page).into()) } else { Page::Missing }
     }
 
     fn want(&mut self, page: u32) {

@@ -7,6 +7,7 @@ use crate::command::{cannot_run, document_in, folder, said};
 use crate::fixtures::built_in;
 use crate::normals;
 use crate::random::Random;
+use crate::support::content;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -200,9 +201,10 @@ fn every_read_that_fails_is_made_again_or_told() {
         let plan = FaultPlan { failing, ..FaultPlan::default() };
         let fault = Box::new(Fault::new(backend(name, &path)?, plan));
         let options = PoolOptions { frames_bytes: 8 * FRAME_BYTES as u64, ..PoolOptions::default() };
-        let pool = PagePool::with_backend(file, fault, &path, &Budget::unlimited(), &options).unwrap();
+        let pool =
+            PagePool::with_backend(file.clone(), fault, &path, &Budget::unlimited(), &options).unwrap();
         let pages: Vec<_> =
-            (0..page_count).map(|page| pool.pin_blocking(page).map(|pin| pin.to_vec())).collect();
+            (0..page_count).map(|page| pool.pin_blocking(page).map(|pin| content(&file, &pin))).collect();
         Some((pages, pool.stats().reads))
     };
     let errnos: [i32; 8] = [5, 12, 4, 11, 6, 19, 9, 75];

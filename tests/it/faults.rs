@@ -5,6 +5,7 @@ use crate::command::{
     Ran, TREX, cannot_run, cannot_run_without, document_in, folder, hash_of, listing, ran, run_in, said,
 };
 use crate::fixtures::built_in;
+use crate::support::content;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -117,11 +118,12 @@ fn a_page_that_comes_damaged_is_read_again_by_another_way() {
     };
     let (whole, faulty) =
         (pool_of(FaultPlan::default()), pool_of(FaultPlan { flip_per_1024: 1024, ..FaultPlan::default() }));
-    let count = PageFile::open(&path, &Budget::unlimited()).unwrap().pages().len() as u32;
+    let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+    let count = file.pages().len() as u32;
     assert!(count > 2, "{count} pages are too few");
     for page in 0..count {
-        let [whole, faulty] = [&whole, &faulty].map(|pool| pool.pin_blocking(page).unwrap());
-        assert!(*whole == *faulty, "page {page}");
+        let [whole, faulty] = [&whole, &faulty].map(|pool| content(&file, &pool.pin_blocking(page).unwrap()));
+        assert!(whole == faulty, "page {page}");
     }
     assert_eq!((whole.stats().damaged, whole.stats().read_retries), (0, 0));
     // A read of several pages has one bit that is wrong.

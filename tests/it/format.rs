@@ -54,7 +54,7 @@ pub(crate) struct Model<'a> {
 pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let head = &bytes[..1024];
     assert_eq!(&head[..8], b"TREX\r\n\x1a\n");
-    assert_eq!(number_at(head, 8, 4), 5);
+    assert_eq!(number_at(head, 8, 4), 6);
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
     assert_eq!(number_at(head, 1016, 8), xxh3_64(&head[..1016]));
     assert_eq!(number_at(head, 32, 8), bytes.len() as u64);
@@ -126,6 +126,7 @@ fn read_page(content: &[u8]) -> Vec<([[u64; 3]; 3], u64)> {
     let offset_widths = [0; 3].map(|_| r.number(1));
     let material_bits = r.number(1);
     let anchor = [0; 3].map(|_| r.number(5));
+    let size_bits = r.number(1);
     let mut kinds: Vec<u64> = r.bits(roots as usize, 1);
     let shapes: Vec<[u64; 2]> = (0..nodes).map(|_| [r.number(1), r.number(1)]).collect();
     kinds.reverse();
@@ -140,9 +141,22 @@ fn read_page(content: &[u8]) -> Vec<([[u64; 3]; 3], u64)> {
         kinds.extend((0..children).rev().map(|i| nodes >> i & 1));
     }
     assert_eq!((next_node as u64, met), (nodes, clusters), "the walk meets all");
+    let mut bits = Bits { bytes: &content[r.at..], at: 0 };
+    let entries: Vec<Entry> =
+        (0..clusters).map(|_| read_entry(&mut bits, anchor, offset_widths, size_bits)).collect();
+    assert_eq!(bits.take((8 - bits.at as u64 % 8) % 8), 0, "no zeros behind the entries");
+    r.at += bits.at / 8;
     let mut triangles = Vec::new();
-    for _ in 0..clusters {
-        triangles.extend(read_cluster(&mut r, anchor, offset_widths, material_bits));
+    for entry in &entries {
+        let (before, first) = (r.at, triangles.len());
+        triangles.extend(read_cluster(&mut r, entry, material_bits));
+        assert_eq!((r.at - before) as u64, entry.bytes, "bytes of a cluster");
+        let corners = || triangles[first..].iter().flat_map(|(corners, _)| corners);
+        for a in 0..3 {
+            let greatest = corners().map(|corner| corner[a]).max().unwrap();
+            assert_eq!(corners().map(|corner| corner[a]).min().unwrap(), entry.base[a], "least corner");
+            assert!((greatest..=greatest + (greatest - entry.base[a]) / 64).contains(&entry.most[a]));
+        }
     }
     assert_eq!(r.at, content.len(), "bytes behind the last cluster");
     triangles
@@ -165,14 +179,37 @@ impl Bits<'_> {
     }
 }
 
-fn read_cluster(
-    r: &mut Reader<'_>,
-    anchor: [u64; 3],
-    offset_widths: [u64; 3],
-    material_bits: u64,
-) -> Vec<([[u64; 3]; 3], u64)> {
+/// What the head of a page says of a cluster.
+struct Entry {
+    count: usize,
+    base: [u64; 3],
+    widths: [u64; 3],
+    /// Most that a coordinate is.
+    most: [u64; 3],
+    bytes: u64,
+}
+
+fn read_entry(bits: &mut Bits<'_>, anchor: [u64; 3], offset_widths: [u64; 3], size_bits: u64) -> Entry {
+    let count = bits.take(7) as usize + 1;
+    let offsets = offset_widths.map(|width| bits.take(width));
+    let base: [u64; 3] = std::array::from_fn(|a| anchor[a] + offsets[a]);
+    let widths = [6; 3].map(|width| bits.take(width));
+    let extents = [6; 3].map(|width| bits.take(width));
+    let most = std::array::from_fn(|a| {
+        base[a]
+            + match widths[a] {
+                0 => 0,
+                width @ 1..=7 => (1 << (width - 1)) + extents[a],
+                width => ((65 + extents[a]) << (width - 7)) - 1,
+            }
+    });
+    Entry { count, base, widths, most, bytes: bits.take(size_bits) }
+}
+
+fn read_cluster(r: &mut Reader<'_>, entry: &Entry, material_bits: u64) -> Vec<([[u64; 3]; 3], u64)> {
     let mut bits = Bits { bytes: &r.bytes[r.at..], at: 0 };
-    let [count, vertex_count] = [7, 7].map(|width| bits.take(width) as usize + 1);
+    let &Entry { count, base, widths, .. } = entry;
+    let vertex_count = bits.take(7) as usize + 1;
     let [wide, has_palette, leaves_differ] = [1; 3].map(|width| bits.take(width) == 1);
     if leaves_differ {
         let leaves = bits.take(4) + 1;
@@ -180,9 +217,6 @@ fn read_cluster(
         assert_eq!(sizes.iter().sum::<u64>(), count as u64, "triangles of the leaves");
         assert!(sizes[..sizes.len() - 1].iter().any(|&size| size < 8), "leaves that do not differ");
     }
-    let offsets = offset_widths.map(|width| bits.take(width));
-    let base: [u64; 3] = std::array::from_fn(|a| anchor[a] + offsets[a]);
-    let widths = [6; 3].map(|width| bits.take(width));
     let classes = if wide { [0; 3] } else { [5; 3].map(|width| bits.take(width)) };
     let palette_len = if has_palette { bits.take(7) + 1 } else { 1 };
     let palette: Vec<u64> = (0..palette_len).map(|_| bits.take(material_bits)).collect();

@@ -172,7 +172,7 @@ impl SingleRays<'_> {
         let t_found = self.g_ray(ray, kind).1 + f64::from(answer.t) * self.subvoxel(kind);
         assert_eq!((t_found.to_bits(), answer.axis as usize), (t.to_bits(), axis), "{}", at());
         let voxel = match lower.map(|[page, leaf]| (pages.page(page), leaf)) {
-            Some((Page::Ready(frame), leaf)) => UnitsView::new(frame).leaf(leaf),
+            Some((Page::Ready(frame), leaf)) => UnitsView::new(frame.bytes()).leaf(leaf),
             _ => self.octree.leaf(leaf as usize),
         };
         assert_eq!(answer.material, u32::from(voxel.material), "{}", at());

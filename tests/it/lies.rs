@@ -15,7 +15,7 @@ use trex_store::layout::{Section, SectionKind, Superblock, section_hash};
 fn page_words(bytes: &mut [u8], mut change: impl FnMut(u32, u32) -> TopRef) {
     let mut nodes: Vec<Node> = bytemuck::pod_collect_to_vec(bytes);
     for node in &mut nodes {
-        for word in &mut node.child[..usize::from(node.child_count)] {
+        for word in &mut node.child[..usize::from(node.boxes.child_count)] {
             if let TopRef::Page { page, slot } = TopRef::from_word(*word) {
                 *word = change(page, slot).to_word();
             }

@@ -6,8 +6,9 @@ use rayon::ThreadPoolBuilder;
 use std::path::Path;
 use std::sync::Arc;
 use trex_store::build::{BuildOptions, ExistingOutput, Precision, Voxels, build};
-use trex_store::cluster::FrameView;
+use trex_store::cluster::{ClusterMesh, FrameView};
 use trex_store::layout::FRAME_BYTES;
+use trex_store::pool::Pin;
 use trex_store::{
     Budget, Interrupt, Material, MaterialList, PageFile, Result, ScanHint, SourceStats, TriangleBatch,
     TriangleSource,
@@ -86,6 +87,16 @@ impl Built {
     pub(crate) fn decoded_index(&self, triangle: u32) -> usize {
         triangle as usize
     }
+}
+
+/// What a page of a pool holds: its clusters, or bytes.
+pub(crate) fn content(file: &PageFile, pin: &Pin<'_>) -> (Vec<ClusterMesh>, Vec<u8>) {
+    if !file.has_mesh(pin.page()) {
+        return (Vec::new(), pin.to_vec());
+    }
+    let mut clusters = Vec::new();
+    FrameView::new(pin.frame()).for_each_cluster(|cluster| clusters.push(cluster.decode()));
+    (clusters, Vec::new())
 }
 
 /// Triangles in memory, of one material.

@@ -26,7 +26,7 @@ struct PageShelf {
 
 impl Pages for PageShelf {
     fn page(&mut self, page: u32) -> Page<'_> {
-        self.frames.get(&page).map_or((self.others)(), |frame| Page::Ready(frame))
+        self.frames.get(&page).map_or((self.others)(), |frame| Page::Ready(frame.into()))
     }
 }
 

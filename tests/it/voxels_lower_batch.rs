@@ -57,7 +57,7 @@ impl Pages for PartialPages<'_> {
         Some(match (self.state)(page) {
             State::There => {
                 held.insert(page);
-                Page::Ready(self.all.frame(page))
+                Page::Ready(self.all.frame(page).into())
             }
             State::Missing => Page::Missing,
             State::Damaged => Page::Damaged,

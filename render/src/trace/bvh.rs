@@ -28,8 +28,9 @@ use super::parts::is_hidden;
 use super::stack::{Stack, StackEntry, VisitStack};
 use std::sync::Arc;
 use trex_store::PageFile;
-use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef};
-use trex_store::layout::NODE_WIDTH;
+use trex_store::cluster::{
+    CLUSTER_HEAD_BYTES, ClusterView, FrameRef, FrameView, LEAF_PLANES, TopRef, TreeNode,
+};
 
 /// Most pages recorded for one ray, the nearest; more than that many are asked for when the ray comes again.
 const MISSING_PER_RAY: usize = 16;
@@ -179,8 +180,8 @@ pub(super) fn walk<K: Kernel, P: Pages, G: Goal>(
         match TopRef::from_word(at.word()) {
             TopRef::Node(index) => {
                 let node = &scene.file.top()[index as usize];
-                let met = kernel.node(node, best.t);
-                next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
+                let met = kernel.node(node.boxes(), best.t);
+                next = pending.push(met.mask, |child| met.entry(child, node.word(child)));
             }
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
@@ -261,11 +262,12 @@ impl PageVisit<'_> {
             let at = FrameRef(at.word());
             if !at.is_cluster() {
                 let node = self.page.frame.node(at);
-                let met = kernel.node(node, best.t);
-                next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
+                let met = kernel.node(node.boxes(), best.t);
+                next = pending.push(met.mask, |child| met.entry(child, node.word(child)));
                 continue;
             }
-            self.cluster::<K, G>(kernel, self.page.frame.cluster(at), pending, best);
+            let Some(cluster) = self.page.frame.cluster(at) else { continue };
+            self.cluster::<K, G>(kernel, cluster, pending, best);
             if G::IS_ANY && best.found.is_some() {
                 pending.len = floor;
                 return;

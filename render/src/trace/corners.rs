@@ -107,15 +107,16 @@ fn decode(
     let first = triangles.len();
     let asked = &ids[group.asked.clone()];
     triangles.resize(first + asked.len(), MeshTriangle::LOST);
-    frame.for_each_cluster(|cluster| {
+    let mut place = 0;
+    while place < asked.len() {
+        let Some(cluster) = frame.cluster_with((asked[place] - group.first_triangle) as usize) else {
+            place += 1;
+            continue;
+        };
         let from = group.first_triangle + cluster.first_triangle() as u32;
-        let inside = asked.partition_point(|&id| id < from)
-            ..asked.partition_point(|&id| id < from + cluster.triangle_count() as u32);
-        if inside.is_empty() {
-            return;
-        }
+        let end = asked.partition_point(|&id| id < from + cluster.triangle_count() as u32);
         let mesh = cluster.decode();
-        for place in inside {
+        for place in place..end {
             let index = (asked[place] - from) as usize;
             triangles[first + place] = MeshTriangle {
                 corners: mesh.triangles[index]
@@ -123,5 +124,6 @@ fn decode(
                 material: mesh.materials[index].into(),
             };
         }
-    });
+        place = end;
+    }
 }

@@ -24,8 +24,8 @@ use super::scalar::Scalar;
 use super::stack::{Stack, StackEntry, VisitStack};
 use glam::DVec2;
 use std::cmp::Ordering;
-use trex_store::cluster::{ClusterView, FrameRef, FrameView, TopRef};
-use trex_store::layout::{LEAF_TRIANGLES, NODE_WIDTH};
+use trex_store::cluster::{ClusterView, FrameRef, FrameView, TopRef, TreeNode};
+use trex_store::layout::LEAF_TRIANGLES;
 
 /// The side of a triangle that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,8 +64,8 @@ pub(super) fn trace_crossings<P: Pages>(
         match TopRef::from_word(at.word()) {
             TopRef::Node(index) => {
                 let node = &scene.file.top()[index as usize];
-                let met = crossing.kernel.node(node, t_max);
-                next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
+                let met = crossing.kernel.node(node.boxes(), t_max);
+                next = pending.push(met.mask, |child| met.entry(child, node.word(child)));
             }
             TopRef::Page { page, slot } => match pages.page(page) {
                 Page::Ready(frame) => {
@@ -91,12 +91,14 @@ impl<F: FnMut(&Span, &Found, Side)> CrossingRay<'_, F> {
             next = None;
             let at = FrameRef(at.word());
             if at.is_cluster() {
-                self.cluster(&page, &page.frame.cluster(at));
+                if let Some(cluster) = page.frame.cluster(at) {
+                    self.cluster(&page, &cluster);
+                }
                 continue;
             }
             let node = page.frame.node(at);
-            let met = self.kernel.node(node, self.t_max);
-            next = pending.push(met.mask, |child| met.entry(child, node.child[child % NODE_WIDTH]));
+            let met = self.kernel.node(node.boxes(), self.t_max);
+            next = pending.push(met.mask, |child| met.entry(child, node.word(child)));
         }
     }
 

@@ -7,7 +7,7 @@
 use super::Hit;
 use super::pages::{Page, Pages};
 use glam::Vec3;
-use trex_store::cluster::{Colour, CornerValue, FrameView, Normal, ValueView};
+use trex_store::cluster::{Colour, CornerValue, Frame, FrameView, Normal, ValueView};
 use trex_store::layout::PageKind;
 use trex_store::{AttributeSet, PageFile, srgb};
 
@@ -83,7 +83,7 @@ impl HitTriangle<'_> {
         match pages.page(values) {
             Page::Ready(frame) => {
                 let triangle = (self.triangle - first(values)) as usize;
-                Ok(Some(ValueView::new(frame).values(triangle, vertices)))
+                Ok(Some(ValueView::new(frame.bytes()).values(triangle, vertices)))
             }
             Page::Missing => Err(values),
             Page::Damaged => Ok(None),
@@ -106,17 +106,11 @@ fn shading_normal(normals: [Normal; 3], barycentric: [f32; 3], flat: Vec3) -> Ve
 }
 
 /// The vertices of a triangle within its cluster.
-fn vertices(frame: &[u8], local: usize) -> Option<[usize; 3]> {
-    let mut found = None;
-    FrameView::new(frame).for_each_cluster(|cluster| {
-        let first = cluster.first_triangle();
-        let Some(index) = local.checked_sub(first).filter(|&index| index < cluster.triangle_count()) else {
-            return;
-        };
-        let leaf = (0..cluster.leaf_count()).rev().find(|&leaf| cluster.leaf_first(leaf) <= index);
-        found = leaf.map(|leaf| cluster.triangle_vertices(leaf, index - cluster.leaf_first(leaf)));
-    });
-    found
+fn vertices(frame: Frame<'_>, local: usize) -> Option<[usize; 3]> {
+    let cluster = FrameView::new(frame).cluster_with(local)?;
+    let index = local - cluster.first_triangle();
+    let leaf = (0..cluster.leaf_count()).rev().find(|&leaf| cluster.leaf_first(leaf) <= index)?;
+    Some(cluster.triangle_vertices(leaf, index - cluster.leaf_first(leaf)))
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@
 
 use super::Ray;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
-use trex_store::cluster::{ClusterView, Node};
+use trex_store::cluster::{ChildBoxes, ClusterView};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
 /// Answers of up to `N` boxes: a bit per lane, and the entry t of each: at least 0, not above the exact one.
@@ -41,7 +41,7 @@ pub(super) trait Kernel: Sized {
     fn enter(frame: &LatticeFrame, ray: &Ray) -> Option<(Span, Self)>;
 
     /// Children of a node whose box meets the ray before `t_max`.
-    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH>;
+    fn node(&self, node: &ChildBoxes, t_max: f32) -> Lanes<NODE_WIDTH>;
 
     /// Leaves of a cluster whose box meets the ray before `t_max`.
     fn leaf_boxes(&self, cluster: &ClusterView<'_>, t_max: f32) -> Lanes<CLUSTER_LEAVES>;

@@ -9,10 +9,12 @@
 //! Invariant: that nothing is let go of while rays read it is what borrows say: `hold` shares, `page` and `let_go` do
 //! not.
 
+use trex_store::cluster::Frame;
+
 /// The answer of a page look-up.
 pub enum Page<'a> {
     /// The frame; valid until the next look-up.
-    Ready(&'a [u8]),
+    Ready(Frame<'a>),
     /// The page is not in memory: a ray that is blocked by it says so by [`Pages::want`].
     Missing,
     /// The page cannot be had: rays go on as if it were empty, and the damage is reported by the pool.
@@ -104,10 +106,10 @@ impl AllResident {
 
 impl Pages for &AllResident {
     fn page(&mut self, page: u32) -> Page<'_> {
-        Page::Ready(self.frame(page))
+        Page::Ready(self.frame(page).into())
     }
 
     fn hold(&self, page: u32) -> Option<Page<'_>> {
-        Some(Page::Ready(self.frame(page)))
+        Some(Page::Ready(self.frame(page).into()))
     }
 }

@@ -156,7 +156,7 @@ impl Pages for PooledPages {
         let place = usize::from(pinned.get());
         if place > 0 {
             let pin = self.pins[place - 1].get().expect("it is pinned");
-            return Some(Page::Ready(self.pool.bytes(pin)));
+            return Some(Page::Ready(self.pool.frame(pin)));
         }
         let used = &self.used[page as usize / 64];
         used.set(used.get() | 1 << (page % 64));
@@ -171,7 +171,7 @@ impl Pages for PooledPages {
         let pin = self.pins[place].get_or_init(|| token);
         self.pin_count.set(place + 1);
         pinned.set(place as u16 + 1);
-        Some(Page::Ready(self.pool.bytes(pin)))
+        Some(Page::Ready(self.pool.frame(pin)))
     }
 
     fn let_go(&mut self) {

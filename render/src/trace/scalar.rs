@@ -4,7 +4,7 @@
 use super::Ray;
 use super::kernel::{Kernel, Lanes, TrianglesMet};
 use super::lattice_ray::{LatticeFrame, LatticeRay, RefinedHit, Span};
-use trex_store::cluster::{ClusterView, Node};
+use trex_store::cluster::{ChildBoxes, ClusterView};
 use trex_store::layout::{CLUSTER_LEAVES, LEAF_TRIANGLES, NODE_WIDTH};
 
 /// f32 or f64.
@@ -157,7 +157,7 @@ impl<T: Real> Kernel for Scalar<T> {
         Some((span, kernel))
     }
 
-    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH> {
+    fn node(&self, node: &ChildBoxes, t_max: f32) -> Lanes<NODE_WIDTH> {
         let base = std::array::from_fn(|a| (i64::from(node.origin[a]) << self.node_shift) - self.ray.cell[a]);
         let scale = node.exponent.map(|e| 1 << (u32::from(e) + self.node_shift));
         let count = usize::from(node.child_count).min(NODE_WIDTH);

@@ -277,7 +277,7 @@ impl<'a> LowerScene<'a> {
         let Some(at) = lower.filter(|_| ray.kind() != GKind::Shadow) else { return above() };
         let is_missing = match pages.page(at.page) {
             Page::Ready(frame) => {
-                let leaf = UnitsView::new(frame).leaf(at.leaf);
+                let leaf = UnitsView::new(frame.bytes()).leaf(at.leaf);
                 let normal = ray.facing(&leaf, found.axis);
                 return self.upper.answer_with(ray, found, normal, leaf.material);
             }
@@ -375,7 +375,7 @@ impl Open {
         let view = match pages.page(unit.page()) {
             Page::Missing => return Below::Missing(unit.page()),
             Page::Damaged => return Below::Never,
-            Page::Ready(frame) => UnitsView::new(frame),
+            Page::Ready(frame) => UnitsView::new(frame.bytes()),
         };
         // A unit that is not what the leaf says is none.
         let node = view.node(unit.unit(), self.rank);

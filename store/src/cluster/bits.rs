@@ -153,42 +153,16 @@ impl<'a> BitStream<'a> {
     }
 }
 
-/// Windows on the clusters of a page, one after the other.
-pub(super) struct Windows<'a> {
-    rest: &'a [u8],
-    /// Whether `tail` holds what is left, from `tail_at` on, and zeros behind it.
-    is_in_tail: bool,
-    tail: [u8; 2 * size_of::<Window>()],
-    tail_at: usize,
-}
-
-impl<'a> Windows<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Windows<'a> {
-        Windows { rest: bytes, is_in_tail: false, tail: [0; 2 * size_of::<Window>()], tail_at: 0 }
-    }
-
-    /// What is to be read next, and how many bytes are left of the page.
-    pub(super) fn front(&mut self) -> (&Window, usize) {
-        let left = self.rest.len();
-        if let Some(window) = self.rest.first_chunk() {
-            return (window, left);
+/// The window on `bytes`, which is copied to `tail` where it ends behind them.
+pub(super) fn window<'a>(bytes: &'a [u8], tail: &'a mut Window) -> &'a Window {
+    match bytes.first_chunk() {
+        Some(window) => window,
+        None => {
+            let (there, behind) = tail.split_at_mut(bytes.len());
+            there.copy_from_slice(bytes);
+            behind.fill(0);
+            tail
         }
-        if !self.is_in_tail {
-            self.tail[..left].copy_from_slice(self.rest);
-            self.is_in_tail = true;
-        }
-        (self.tail[self.tail_at..].first_chunk().expect("a window behind all that was left"), left)
-    }
-
-    /// Passes over bytes, no more than are left.
-    pub(super) fn skip(&mut self, bytes: usize) {
-        self.rest = &self.rest[bytes..];
-        self.tail_at += if self.is_in_tail { bytes } else { 0 };
-    }
-
-    /// True when nothing is left.
-    pub(super) fn is_empty(&self) -> bool {
-        self.rest.is_empty()
     }
 }
 
@@ -234,10 +208,8 @@ mod tests {
                 writer.put(value & ((1 << bits) - 1), bits);
             }
             let bytes = writer.finish();
-            let mut windows = Windows::new(&bytes);
-            let (window, left) = windows.front();
-            prop_assert_eq!(left, bytes.len());
-            let mut reader = BitReader::new(window);
+            let mut tail = [0xff; size_of::<Window>()];
+            let mut reader = BitReader::new(window(&bytes, &mut tail));
             let mut at = 0;
             for &(value, bits) in &items {
                 prop_assert_eq!(get(&bytes, at, bits), value & ((1 << bits) - 1));
@@ -245,30 +217,19 @@ mod tests {
                 at += bits as usize;
             }
             prop_assert_eq!(bytes.len(), at.div_ceil(8));
-            prop_assert!(reader.align() && reader.is_within(left) && reader.byte_count() == bytes.len());
+            prop_assert!(reader.align() && reader.is_within(bytes.len()) && reader.byte_count() == bytes.len());
             reader.skip(1);
-            prop_assert!(!reader.is_within(left));
+            prop_assert!(!reader.is_within(bytes.len()));
         }
 
-        /// Windows of a page of any length, by steps of any length, against the bytes and zeros behind them.
+        /// A window of bytes of any length, against the bytes and zeros behind them.
         #[test]
-        fn windows_pass_over_all_bytes(
-            length in 0usize..3 * WINDOW_BYTES,
-            steps in proptest::collection::vec(1usize..1000, 0..60),
-        ) {
+        fn a_window_holds_bytes_and_then_zeros(length in 0usize..2 * WINDOW_BYTES) {
             let bytes: Vec<u8> = (0..length).map(|i| (i * i + i / 251) as u8 | 1).collect();
-            let mut windows = Windows::new(&bytes);
-            let mut at = 0;
-            for step in steps {
-                let (window, left) = windows.front();
-                prop_assert_eq!(left, length - at);
-                let there = left.min(window.len());
-                prop_assert!(window[..there] == bytes[at..at + there] && window[there..].iter().all(|&b| b == 0));
-                let step = step.min(left);
-                windows.skip(step);
-                at += step;
-                prop_assert_eq!(windows.is_empty(), at == length);
-            }
+            let mut tail = [0xff; size_of::<Window>()];
+            let window = window(&bytes, &mut tail);
+            let there = length.min(window.len());
+            prop_assert!(window[..there] == bytes[..there] && window[there..].iter().all(|&b| b == 0));
         }
     }
 }

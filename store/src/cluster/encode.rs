@@ -2,39 +2,38 @@
 //!
 //! ```text
 //! page    = clusters u16 | nodes u16 | roots u8 | offset widths 3 x u8 | material bits u8 | anchor 3 x u40
-//!         | kinds of roots, a bit each | node ... | cluster ...
+//!         | bits of a cluster's bytes u8 | kinds of roots, a bit each | node ... | entry ... | cluster ...
 //! node    = children u8 | kinds of children u8                           (bit i: child i is a node)
-//! cluster = bits of: triangles - 1, 7 | vertices - 1, 7 | wide, 1 | palette, 1 | leaves differ, 1
-//!         | leaves - 1, 4 (differ) | their triangles - 1, 3 each (differ) | base - anchor | axis widths 3 x 6
+//! entry   = of a cluster, as `entry.rs` draws it                         (behind the last, zeros to the next byte)
+//! cluster = bits of: vertices - 1, 7 | wide, 1 | palette, 1 | leaves differ, 1
+//!         | leaves - 1, 4 (differ) | their triangles - 1, 3 each (differ)
 //!         | class widths 3 x 5 (compact) | materials - 1, 7 (palette) | materials | palette indices
 //!         | topology | vertices | zeros to the next byte
 //! ```
 //!
 //! Leaves that do not differ hold eight triangles, but the last.
 //!
-//! Boxes are not stored: those of leaves, clusters and nodes follow from the vertices. Neither are references: nodes
-//! and clusters stand in the order in which a walk from the first root on meets them.
+//! The box of a cluster stands in its entry, so that a page can be traced before its clusters are unpacked. Those of
+//! leaves follow from the vertices, those of nodes from the entries. References are not stored: nodes and clusters
+//! stand in the order in which a walk from the first root on meets them.
 //!
 //! Invariants: 1. one page content has one disk form; 2. neither that nor the frame form is longer than a frame,
 //! where the builder set [`disk_bytes_most`] aside; 3. the decoder is the judge: `encode` has nothing to say that
 //! `install` does not read back.
 
 use super::bits::{BitWriter, bits_of};
+use super::entry::{COUNT_BITS, ClusterEntry, ENTRY_BITS_MOST, EntryWidths};
+use super::frame::{FrameParts, NOTE_BYTES};
 use super::leaves::{self, LEAF_COUNT_BITS, LEAF_SIZE_BITS};
 use super::strips;
 use super::vertices::{self, CLASS_WIDTH_BITS, CLASSES, TAG_BITS, VertexEncoder};
-use super::{ClusterMesh, FRAME_TAIL_BYTES, Node, palette_index_bits, vertex_bytes};
-use crate::geom::Lattice;
+use super::{ClusterMesh, FRAME_TAIL_BYTES, palette_index_bits, vertex_bytes};
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES, FRAME_BYTES, NODE_WIDTH, PAGE_ROOTS};
 
-/// Bytes of a frame before its roots.
-pub(super) const FRAME_HEADER_BYTES: usize = 16;
 /// Bytes of the disk form before the tree.
-pub(super) const DISK_HEADER_BYTES: usize = 24;
-/// Bits of a count of triangles, vertices or materials of a cluster, less one.
-pub(super) const COUNT_BITS: u32 = 7;
-/// Bits of an axis width.
-pub(super) const AXIS_WIDTH_BITS: u32 = 6;
+pub(super) const DISK_HEADER_BYTES: usize = 25;
+/// Bytes in a frame that a cluster takes beside itself: what is told of it, and zeros behind it.
+pub(super) const CLUSTER_ASIDE_BYTES: usize = NOTE_BYTES + FRAME_TAIL_BYTES;
 
 /// A node or cluster of the same page, by index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +77,8 @@ impl PageContent {
     /// Bytes that the page takes in a frame, at most.
     pub fn frame_bytes(&self) -> usize {
         let clusters: usize = self.clusters.iter().map(ClusterMesh::frame_bytes).sum();
-        frame_bytes(self.roots.len(), self.nodes.len(), clusters)
+        let aside = self.clusters.len() * CLUSTER_ASIDE_BYTES;
+        frame_bytes(self.roots.len(), self.nodes.len(), clusters + aside)
     }
 
     /// The disk form, before packing, and what its bits are spent on.
@@ -92,15 +92,26 @@ impl PageContent {
         head.offset_bits.iter().for_each(|&bits| out.put(u64::from(bits), 8));
         out.put(u64::from(head.material_bits), 8);
         head.anchor.iter().for_each(|&q| out.put(q as u64, 40));
+        let spent = DiskBits { heads: 8 * DISK_HEADER_BYTES as u64, ..DiskBits::default() };
+        let mut encoder = ClusterEncoder { head, out: BitWriter::default(), spent };
+        let sizes: Vec<usize> = self.clusters.iter().map(|cluster| encoder.encode(cluster)).collect();
+        let ClusterEncoder { head, out: clusters, mut spent } = encoder;
+        let longest = sizes.iter().max().copied().unwrap_or(0);
+        let widths = EntryWidths { offset: head.offset_bits, size: bits_of(longest as u64) };
+        out.put(u64::from(widths.size), 8);
         debug_assert_eq!(out.bytes.len(), DISK_HEADER_BYTES);
         self.encode_tree(&mut out);
-        let tree = 8 * (out.bytes.len() - DISK_HEADER_BYTES) as u64;
-        let spent = DiskBits { tree, heads: 8 * DISK_HEADER_BYTES as u64, ..DiskBits::default() };
-        let mut encoder = ClusterEncoder { head, out, spent };
-        self.clusters.iter().for_each(|cluster| encoder.encode(cluster));
-        let bytes = encoder.out.finish();
+        spent.tree = 8 * (out.bytes.len() - DISK_HEADER_BYTES) as u64;
+        let before = out.bit_count();
+        for (cluster, &size) in self.clusters.iter().zip(&sizes) {
+            ClusterEntry::new(cluster, size).write(&widths, head.anchor, &mut out);
+        }
+        out.align();
+        spent.heads += (out.bit_count() - before) as u64;
+        out.append(clusters);
+        let bytes = out.finish();
         assert!(bytes.len() <= FRAME_BYTES, "the disk form is longer than a frame");
-        (bytes, encoder.spent)
+        (bytes, spent)
     }
 
     /// Kinds of roots and nodes; checks that all stands in the order of the walk.
@@ -142,19 +153,17 @@ fn kinds(refs: &[PageRef]) -> u64 {
     refs.iter().enumerate().map(|(i, r)| u64::from(matches!(r, PageRef::Node(_))) << i).sum()
 }
 
-/// Frame bytes of a page with so many roots and nodes, and clusters of so many frame bytes in all.
+/// Frame bytes of a page with so many roots and nodes, and clusters that take so many in all.
 pub(crate) fn frame_bytes(root_count: usize, node_count: usize, cluster_frame_bytes: usize) -> usize {
-    let roots = (FRAME_HEADER_BYTES + 4 * root_count).next_multiple_of(8);
-    roots + node_count * Node::BYTES + cluster_frame_bytes + FRAME_TAIL_BYTES
+    FrameParts::new(root_count, node_count, 0).heap + cluster_frame_bytes
 }
 
 /// Bytes of a cluster on disk, at most: its topology is known, each vertex plain, behind a tag.
 pub(super) fn disk_bytes_most(cluster: &ClusterMesh, topology_bits: u32) -> usize {
     let (triangles, vertices) = (cluster.triangles.len(), cluster.vertices.len());
     let palette = cluster.palette().len();
-    let axes = 3 * (Lattice::MAX_BITS + AXIS_WIDTH_BITS);
     let leaves = LEAF_COUNT_BITS + cluster.leaf_sizes.len() as u32 * LEAF_SIZE_BITS;
-    let head = 3 * COUNT_BITS + 3 + leaves + axes + CLASSES as u32 * CLASS_WIDTH_BITS;
+    let head = ENTRY_BITS_MOST + 2 * COUNT_BITS + 3 + leaves + CLASSES as u32 * CLASS_WIDTH_BITS;
     let materials = palette * 16 + triangles * palette_index_bits(palette);
     let plain = 8 * vertex_bytes(&cluster.widths(), vertices) + vertices * TAG_BITS as usize;
     (head as usize + materials + topology_bits as usize + plain).div_ceil(8)
@@ -193,7 +202,8 @@ struct ClusterEncoder {
 }
 
 impl ClusterEncoder {
-    fn encode(&mut self, cluster: &ClusterMesh) {
+    /// Gives how many bytes the cluster takes.
+    fn encode(&mut self, cluster: &ClusterMesh) -> usize {
         let (triangle_count, vertex_count) = (cluster.triangles.len(), cluster.vertices.len());
         assert!((1..=CLUSTER_TRIANGLES).contains(&triangle_count), "{triangle_count} triangles");
         assert!((1..=CLUSTER_VERTICES).contains(&vertex_count), "{vertex_count} vertices");
@@ -205,16 +215,10 @@ impl ClusterEncoder {
         let (widths, palette) = (cluster.widths(), cluster.palette());
         let guided = VertexEncoder { cluster, widths: &widths, guides: &guides };
         let out = &mut self.out;
-        out.put(triangle_count as u64 - 1, COUNT_BITS);
         out.put(vertex_count as u64 - 1, COUNT_BITS);
         out.put(u64::from(widths.wide), 1);
         out.put(u64::from(palette.len() > 1), 1);
         leaves::encode_sizes(cluster, out);
-        for axis in 0..3 {
-            let offset = widths.base[axis] - self.head.anchor[axis];
-            out.put(offset as u64, u32::from(self.head.offset_bits[axis]));
-        }
-        widths.bits.iter().for_each(|&bits| out.put(u64::from(bits), AXIS_WIDTH_BITS));
         let classes = if widths.wide { [0; 3] } else { guided.class_widths() };
         if !widths.wide {
             classes.iter().for_each(|&width| out.put(u64::from(width), CLASS_WIDTH_BITS));
@@ -232,6 +236,7 @@ impl ClusterEncoder {
         self.spent.heads += (before_topology - before) as u64;
         self.spent.topology += (before_vertices - before_topology) as u64;
         self.spent.vertices += (out.bit_count() - before_vertices) as u64;
+        (out.bit_count() - before) / 8
     }
 }
 

@@ -12,7 +12,8 @@
 
 use super::bits::{BitReader, WINDOW_BYTES, Window};
 use super::cells::{self, Cells};
-use super::encode::{AXIS_WIDTH_BITS, COUNT_BITS, Head};
+use super::encode::Head;
+use super::entry::{COUNT_BITS, ClusterEntry};
 use super::fields::{Machine, Mover, Work};
 use super::finish::{GROUP_BYTES, VertexWords};
 use super::install_leaves::{LeafWriter, ROOM_BYTES, Room};
@@ -44,22 +45,11 @@ const MOST_BITS: usize = 229
     + CLUSTER_VERTICES * 8 * WIDE_VERTEX_BYTES;
 const _: () = assert!(MOST_BITS <= 8 * WINDOW_BYTES);
 
-/// What is known of a cluster when it stands in the frame.
-pub(super) struct InstalledCluster {
-    /// Bytes that it takes there.
-    pub(super) frame_bytes: usize,
-    /// Bytes that it took on disk.
-    pub(super) packed_bytes: usize,
-    /// The box of its vertices.
-    pub(super) bounds: LatticeBox,
-}
-
 /// Work memory for the clusters of a page.
 pub(super) struct ClusterInstaller {
     machine: Machine,
-    head: Head,
+    material_bits: u8,
     lattice_bits: u32,
-    first_triangle: usize,
     topology: Topology,
     placed: VertexWords,
     /// By vertex.
@@ -90,26 +80,17 @@ struct PartPlaces {
 }
 
 impl ClusterPlan {
-    fn read(input: &mut BitReader<'_>, head: &Head, lattice_bits: u32) -> Result<ClusterPlan, &'static str> {
-        let triangle_count = input.take(COUNT_BITS) as usize + 1;
+    fn read(input: &mut BitReader<'_>, entry: &ClusterEntry) -> Result<ClusterPlan, &'static str> {
+        let &ClusterEntry { triangle_count, base, bits, .. } = entry;
         let vertex_count = input.take(COUNT_BITS) as usize + 1;
         let (wide, has_palette) = (input.take(1) == 1, input.take(1) == 1);
         let (leaf_count, leaf_sizes) = leaves::decode_sizes(input, triangle_count)?;
-        let offset = head.offset_bits.map(|bits| input.take(u32::from(bits)) as i64);
-        let base = std::array::from_fn(|a| head.anchor[a] + offset[a]);
-        let bits: [u8; 3] = std::array::from_fn(|_| input.take(AXIS_WIDTH_BITS) as u8);
         let classes: ClassWidths =
             if wide { [0; CLASSES] } else { std::array::from_fn(|_| input.take(CLASS_WIDTH_BITS) as u32) };
         let palette_len = if has_palette { input.take(COUNT_BITS) as usize + 1 } else { 1 };
         let vertex_bits: u32 = bits.iter().map(|&b| u32::from(b)).sum();
         let packs = vertex_bits <= VERTEX_BITS && bits.iter().all(|&b| u32::from(b) <= AXIS_BITS);
-        if triangle_count > CLUSTER_TRIANGLES
-            || vertex_count > CLUSTER_VERTICES
-            || palette_len > triangle_count
-            || bits.iter().any(|&b| u32::from(b) > lattice_bits)
-            || !(packs || wide)
-            || base.iter().any(|&q: &i64| q >> lattice_bits != 0)
-        {
+        if vertex_count > CLUSTER_VERTICES || palette_len > triangle_count || !(packs || wide) {
             return Err("a cluster is out of range");
         }
         let widths = Widths { base, bits, wide };
@@ -127,19 +108,18 @@ impl ClusterPlan {
     }
 
     /// Bits of the palette and the triangles' indices into it.
-    fn material_bits(&self, head: &Head) -> usize {
-        self.palette_len * usize::from(head.material_bits)
+    fn bits_of_materials(&self, material_bits: u8) -> usize {
+        self.palette_len * usize::from(material_bits)
             + self.triangle_count * palette_index_bits(self.palette_len)
     }
 }
 
 impl ClusterInstaller {
-    pub(super) fn new(machine: Machine, head: Head, lattice_bits: u32) -> ClusterInstaller {
+    pub(super) fn new(machine: Machine, head: &Head, lattice_bits: u32) -> ClusterInstaller {
         ClusterInstaller {
             machine,
-            head,
+            material_bits: head.material_bits,
             lattice_bits,
-            first_triangle: 0,
             topology: Topology::EMPTY,
             placed: [0; 256],
             cells: cells::NO_CELLS,
@@ -147,22 +127,18 @@ impl ClusterInstaller {
         }
     }
 
-    /// Triangles installed so far.
-    pub(super) fn triangle_count(&self) -> usize {
-        self.first_triangle
-    }
-
-    /// Installs the cluster at the front of `window`, of a page of which `left` bytes are left, at the start of `room`.
-    /// Behind it stand [`FRAME_TAIL_BYTES`] zeros.
+    /// Installs the cluster of `entry` at the front of `window` at the start of `room`: one of a page that has
+    /// `first_triangle` triangles before it. Behind it stand [`FRAME_TAIL_BYTES`] zeros. Gives the bytes that it takes.
     pub(super) fn install(
         &mut self,
-        (window, left): (&Window, usize),
+        (window, entry): (&Window, &ClusterEntry),
+        first_triangle: usize,
         room: &mut Room,
-    ) -> Result<InstalledCluster, &'static str> {
+    ) -> Result<usize, &'static str> {
         let mut input = BitReader::new(window);
-        let plan = ClusterPlan::read(&mut input, &self.head, self.lattice_bits)?;
+        let plan = ClusterPlan::read(&mut input, entry)?;
         let mut materials = input;
-        input.skip(plan.material_bits(&self.head));
+        input.skip(plan.bits_of_materials(self.material_bits));
         let counts = (plan.triangle_count, plan.vertex_count);
         let machine = self.machine;
         machine.run(Strips { input: &mut input, counts, topology: &mut self.topology })?;
@@ -185,32 +161,17 @@ impl ClusterInstaller {
             });
         }
         room[places.end..][..FRAME_TAIL_BYTES].fill(0);
-        if !input.align() || !input.is_within(left) {
+        if !input.align() || !input.is_within(entry.size) || input.byte_count() != entry.size {
             return Err("the bits of a cluster are more or fewer than its counts say");
         }
         if bounds.hi.iter().any(|q| q >> self.lattice_bits != 0) {
             return Err("a vertex lies behind the lattice");
         }
-        self.write_head(&plan, &places, room);
-        self.first_triangle += plan.triangle_count;
-        Ok(InstalledCluster { frame_bytes: places.end, packed_bytes: input.byte_count(), bounds })
-    }
-
-    fn write_head(&self, plan: &ClusterPlan, places: &PartPlaces, frame: &mut [u8]) {
-        let five = |q: i64| q.to_le_bytes()[..5].try_into().expect("five of eight bytes");
-        let head = ClusterHead {
-            base: plan.widths.base.map(five),
-            widths: plan.widths.bits,
-            vertex_bits: plan.vertex_bits as u8,
-            triangle_count: plan.triangle_count as u8,
-            vertex_count: plan.vertex_count as u8,
-            palette_len: plan.palette_len as u8,
-            first_triangle: (self.first_triangle as u16).to_le_bytes(),
-            palette_at: (places.palette as u16).to_le_bytes(),
-            vertices_at: (places.vertices as u16).to_le_bytes(),
-            leaf_count: plan.leaf_count as u8,
-        };
-        frame[..CLUSTER_HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
+        if entry.bounds(self.lattice_bits).join(&bounds) != entry.bounds(self.lattice_bits) {
+            return Err("a cluster is larger than its box");
+        }
+        write_head(&plan, &places, first_triangle, room);
+        Ok(places.end)
     }
 
     /// The palette, and each triangle's index into it, to the frame bytes of both.
@@ -222,7 +183,7 @@ impl ClusterInstaller {
     ) -> Result<(), &'static str> {
         let (materials, indices) = frame.split_at_mut(2 * plan.palette_len);
         for material in materials.as_chunks_mut().0 {
-            *material = (input.take(u32::from(self.head.material_bits)) as u16).to_le_bytes();
+            *material = (input.take(u32::from(self.material_bits)) as u16).to_le_bytes();
         }
         let bits = palette_index_bits(plan.palette_len);
         if bits == 0 {
@@ -269,6 +230,23 @@ impl ClusterInstaller {
         }
         bounds
     }
+}
+
+fn write_head(plan: &ClusterPlan, places: &PartPlaces, first_triangle: usize, frame: &mut [u8]) {
+    let five = |q: i64| q.to_le_bytes()[..5].try_into().expect("five of eight bytes");
+    let head = ClusterHead {
+        base: plan.widths.base.map(five),
+        widths: plan.widths.bits,
+        vertex_bits: plan.vertex_bits as u8,
+        triangle_count: plan.triangle_count as u8,
+        vertex_count: plan.vertex_count as u8,
+        palette_len: plan.palette_len as u8,
+        first_triangle: (first_triangle as u16).to_le_bytes(),
+        palette_at: (places.palette as u16).to_le_bytes(),
+        vertices_at: (places.vertices as u16).to_le_bytes(),
+        leaf_count: plan.leaf_count as u8,
+    };
+    frame[..CLUSTER_HEAD_BYTES].copy_from_slice(bytemuck::bytes_of(&head));
 }
 
 impl PartPlaces {

@@ -11,10 +11,13 @@
 mod bits;
 mod cells;
 mod corner_value;
+mod disk_page;
 mod edges;
 mod encode;
+mod entry;
 mod fields;
 mod finish;
+mod frame;
 mod install;
 mod install_cluster;
 mod install_leaves;
@@ -26,6 +29,7 @@ mod packing;
 mod strips;
 #[cfg(test)]
 mod tests;
+mod unpack;
 mod value_codec;
 mod value_packer;
 mod vertices;
@@ -33,15 +37,21 @@ mod view;
 
 pub use corner_value::{Colour, CornerValue, WHITE};
 pub use encode::{DiskBits, PageContent, PageRef};
+pub(crate) use frame::FRAME_HEADER_BYTES;
+pub use frame::{Frame, FrameRef, FrameView, SharedFrame, Unpack};
 pub use install::install;
+pub(crate) use install::install_packed;
 pub use leaves::LeafShape;
-pub use node::{LatticeBox, Node, ROOT_SLOT_BITS, TopRef};
+pub use node::{ChildBoxes, FrameNode, LatticeBox, Node, ROOT_SLOT_BITS, TopRef, TreeNode};
 pub use normal::Normal;
 pub(crate) use order::{ClusterOrder, Orderer};
+pub(crate) use unpack::unpack;
+#[cfg(all(test, loom))]
+pub(crate) use unpack::{AtomicWord, make_once};
 pub use value_codec::ValueView;
 pub(crate) use value_codec::install_values;
 pub(crate) use value_packer::{PackedValues, ValuePacker, ValuePage};
-pub use view::{ClusterHead, ClusterView, FrameRef, FrameView, LeafIndices};
+pub use view::{ClusterHead, ClusterView, LeafIndices};
 
 use crate::layout::{AXIS_BITS, VERTEX_BITS};
 
@@ -53,7 +63,7 @@ pub const LEAF_PLANES: usize = 6;
 const LEAF_HEAD_BYTES: usize = LEAF_PLANES + 1;
 /// Bytes of one vertex of a wide cluster: 3 x 40 bits.
 pub const WIDE_VERTEX_BYTES: usize = 15;
-/// Zeros behind the last cluster, so that 64-bit loads of its last vertices stay inside of the frame.
+/// Zeros behind each cluster in a frame, so that 64-bit loads of its last vertices meet no other.
 pub const FRAME_TAIL_BYTES: usize = 8;
 
 /// A cluster while it is built, and after decoding: plain arrays.

@@ -1,4 +1,5 @@
-//! An 8-wide node with 16-bit child boxes, and the words that lead from a node to what is below it.
+//! An 8-wide node with 16-bit child boxes, and the words that lead from a node to what is below it: in the top tree
+//! they stand for good, in a frame that of a cluster changes once, when it is unpacked.
 //!
 //! ```text
 //! plane of child i on axis a = (origin[a] + lo[a][i] * 2^exponent[a]) << node_shift     (lattice steps)
@@ -10,6 +11,7 @@
 //! `child_count` on hold the inverted box (65,535, 0).
 
 use crate::layout::{NODE_WIDTH, PAGE_ROOTS, PAGES};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Bits of a page root's slot in a [`TopRef`].
 pub const ROOT_SLOT_BITS: u32 = 6;
@@ -51,10 +53,10 @@ impl LatticeBox {
     }
 }
 
-/// A node as it stands in frames and in the top tree. 144 bytes.
+/// The boxes of a node's children. 112 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct Node {
+pub struct ChildBoxes {
     /// Least corner of all children, in units of `2^node_shift` lattice steps.
     pub origin: [i32; 3],
     /// Child planes are multiples of `2^exponent` of that unit.
@@ -65,8 +67,69 @@ pub struct Node {
     pub lo: [[u16; NODE_WIDTH]; 3],
     /// Upper planes, `[axis][child]`.
     pub hi: [[u16; NODE_WIDTH]; 3],
-    /// In a frame a [`super::FrameRef`], in the top tree a [`TopRef`].
+}
+
+/// A node of the top tree. 144 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Node {
+    /// The boxes of its children.
+    pub boxes: ChildBoxes,
+    /// A [`TopRef`] each.
     pub child: [u32; NODE_WIDTH],
+}
+
+/// A node in a frame, of the same 144 bytes: its words may change while it is read.
+#[derive(Debug)]
+#[repr(C)]
+pub struct FrameNode {
+    /// The boxes of its children.
+    pub boxes: ChildBoxes,
+    /// A [`super::FrameRef`] each.
+    child: [AtomicU32; NODE_WIDTH],
+}
+
+const _: () = assert!(size_of::<FrameNode>() == Node::BYTES && align_of::<FrameNode>() == 4);
+
+/// A node, wherever it stands.
+pub trait TreeNode {
+    /// The boxes of its children.
+    fn boxes(&self) -> &ChildBoxes;
+
+    /// The word that leads to child `index`, modulo the width of a node.
+    fn word(&self, index: usize) -> u32;
+}
+
+impl TreeNode for Node {
+    #[inline(always)]
+    fn boxes(&self) -> &ChildBoxes {
+        &self.boxes
+    }
+
+    #[inline(always)]
+    fn word(&self, index: usize) -> u32 {
+        self.child[index % NODE_WIDTH]
+    }
+}
+
+impl TreeNode for FrameNode {
+    #[inline(always)]
+    fn boxes(&self) -> &ChildBoxes {
+        &self.boxes
+    }
+
+    #[inline(always)]
+    fn word(&self, index: usize) -> u32 {
+        // Acquires the cluster that the word leads to.
+        self.child[index % NODE_WIDTH].load(Ordering::Acquire)
+    }
+}
+
+impl FrameNode {
+    /// The words of the children in use.
+    pub fn words(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..usize::from(self.boxes.child_count)).map(|i| self.word(i))
+    }
 }
 
 impl Node {
@@ -78,32 +141,32 @@ impl Node {
         assert!((1..=NODE_WIDTH).contains(&children.len()), "{} children", children.len());
         let all = children.iter().fold(LatticeBox::EMPTY, |all, (b, _)| all.join(b));
         let up = |q: i64| (q + (1 << node_shift) - 1) >> node_shift;
-        let mut node = Node {
+        let mut boxes = ChildBoxes {
             origin: all.lo.map(|q| i32::try_from(q >> node_shift).expect("31 bits after the shift")),
             exponent: [0; 3],
             child_count: children.len() as u8,
             lo: [[u16::MAX; NODE_WIDTH]; 3],
             hi: [[0; NODE_WIDTH]; 3],
-            child: [0; NODE_WIDTH],
         };
         for axis in 0..3 {
-            let origin = i64::from(node.origin[axis]);
+            let origin = i64::from(boxes.origin[axis]);
             let side = up(all.hi[axis]) - origin;
             let exponent =
                 (0..).find(|e| side <= i64::from(u16::MAX) << e).expect("a side has at most 40 bits");
-            node.exponent[axis] = exponent as u8;
+            boxes.exponent[axis] = exponent as u8;
             for (i, (b, _)) in children.iter().enumerate() {
                 let (lo, hi) = ((b.lo[axis] >> node_shift) - origin, up(b.hi[axis]) - origin);
-                node.lo[axis][i] = (lo >> exponent) as u16;
-                node.hi[axis][i] = ((hi + (1 << exponent) - 1) >> exponent) as u16;
+                boxes.lo[axis][i] = (lo >> exponent) as u16;
+                boxes.hi[axis][i] = ((hi + (1 << exponent) - 1) >> exponent) as u16;
             }
         }
-        for (i, (_, word)) in children.iter().enumerate() {
-            node.child[i] = *word;
-        }
-        node
+        let mut child = [0; NODE_WIDTH];
+        child.iter_mut().zip(children).for_each(|(word, child)| *word = child.1);
+        Node { boxes, child }
     }
+}
 
+impl ChildBoxes {
     /// The box of child `i` as traversal sees it, in lattice steps.
     pub fn child_box(&self, i: usize, node_shift: u32) -> LatticeBox {
         let plane = |axis: usize, q: u16| {
@@ -177,7 +240,7 @@ mod tests {
             let children: Vec<_> = boxes.iter().map(|&b| (b, 7)).collect();
             let node = Node::from_children(&children, 10);
             for (i, exact) in boxes.iter().enumerate() {
-                let coarse = node.child_box(i, 10);
+                let coarse = node.boxes.child_box(i, 10);
                 prop_assert_eq!(coarse.join(exact), coarse);
             }
         }

@@ -68,7 +68,8 @@ impl ClusterOrder {
     /// Bytes that a page sets aside for it: what it takes in a frame, or on disk where that is more (many triangles
     /// over few vertices that share no edges).
     pub(crate) fn page_bytes(&self) -> usize {
-        self.mesh.frame_bytes().max(encode::disk_bytes_most(&self.mesh, self.topology_bits))
+        let in_frame = self.mesh.frame_bytes() + encode::CLUSTER_ASIDE_BYTES;
+        in_frame.max(encode::disk_bytes_most(&self.mesh, self.topology_bits))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Reading a frame: the page's roots and nodes, a cluster's header, leaf boxes, corners, vertices, materials.
+//! Reading a cluster in a frame: its header, leaf boxes, corners, vertices, materials.
 //!
 //! Leaf boxes: plane `lo` of axis `a` lies at `base + lo * 2^shift`, plane `hi` at `base + (hi + 1) * 2^shift - 1`,
 //! so that both are 8-bit cells of the cluster's box and the rounding is outward by construction.
@@ -8,8 +8,7 @@
 
 use super::bits::BYTES_OF_ONE;
 use super::{
-    CLUSTER_HEAD_BYTES, ClusterMesh, LEAF_PLANES, LeafShape, Node, WIDE_VERTEX_BYTES, bits,
-    palette_index_bits,
+    CLUSTER_HEAD_BYTES, ClusterMesh, LEAF_PLANES, LeafShape, WIDE_VERTEX_BYTES, bits, palette_index_bits,
 };
 use crate::layout::LEAF_TRIANGLES;
 
@@ -44,100 +43,6 @@ pub struct ClusterHead {
     pub(super) leaf_count: u8,
 }
 
-/// Where a node's child stands in the same frame: a byte offset and whether it is a cluster.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRef(pub u32);
-
-impl FrameRef {
-    const CLUSTER_FLAG: u32 = 1 << 31;
-
-    /// A node at this byte offset.
-    pub fn node(offset: usize) -> FrameRef {
-        FrameRef(offset as u32)
-    }
-
-    /// A cluster at this byte offset.
-    pub fn cluster(offset: usize) -> FrameRef {
-        FrameRef(offset as u32 | FrameRef::CLUSTER_FLAG)
-    }
-
-    /// True for a cluster.
-    pub fn is_cluster(self) -> bool {
-        self.0 & FrameRef::CLUSTER_FLAG != 0
-    }
-
-    /// The byte offset in the frame.
-    pub fn offset(self) -> usize {
-        (self.0 & !FrameRef::CLUSTER_FLAG) as usize
-    }
-}
-
-/// An installed frame.
-#[derive(Clone, Copy)]
-pub struct FrameView<'a> {
-    bytes: &'a [u8],
-}
-
-impl<'a> FrameView<'a> {
-    /// A view of a frame that `install` filled, which begins at a multiple of 4 bytes, as every frame of a pool does.
-    /// Its methods panic on one that does not.
-    pub fn new(bytes: &'a [u8]) -> FrameView<'a> {
-        FrameView { bytes }
-    }
-
-    /// Count of roots.
-    pub fn root_count(&self) -> usize {
-        usize::from(u16_at(self.bytes, 0))
-    }
-
-    /// Where root `slot` stands. Panics when `slot` is not below `root_count`.
-    pub fn root(&self, slot: usize) -> FrameRef {
-        assert!(slot < self.root_count());
-        FrameRef(u32::from_le_bytes(self.bytes[16 + 4 * slot..][..4].try_into().expect("four bytes")))
-    }
-
-    /// Triangles in the page.
-    pub fn triangle_count(&self) -> usize {
-        usize::from(u16_at(self.bytes, 6))
-    }
-
-    /// Bytes of the frame that are in use.
-    pub fn used_bytes(&self) -> usize {
-        u32::from_le_bytes(self.bytes[8..12].try_into().expect("four bytes")) as usize
-    }
-
-    /// The node at `at`.
-    pub fn node(&self, at: FrameRef) -> &'a Node {
-        bytemuck::from_bytes(&self.bytes[at.offset()..at.offset() + Node::BYTES])
-    }
-
-    /// The cluster at `at`.
-    pub fn cluster(&self, at: FrameRef) -> ClusterView<'a> {
-        ClusterView::new(&self.bytes[at.offset()..])
-    }
-
-    /// The greatest index of a material in the page.
-    pub fn greatest_material(&self) -> u16 {
-        let mut greatest = 0;
-        self.for_each_cluster(|cluster| {
-            let palette = cluster.palette();
-            greatest = palette.iter().map(|entry| u16::from_le_bytes(*entry)).fold(greatest, u16::max);
-        });
-        greatest
-    }
-
-    /// Calls `visit` for every cluster, in the order in which they are stored.
-    pub fn for_each_cluster(&self, mut visit: impl FnMut(ClusterView<'a>)) {
-        let (node_count, cluster_count) = (u16_at(self.bytes, 2), u16_at(self.bytes, 4));
-        let mut at = (16 + 4 * self.root_count()).next_multiple_of(8) + usize::from(node_count) * Node::BYTES;
-        for _ in 0..cluster_count {
-            let cluster = self.cluster(FrameRef::cluster(at));
-            visit(cluster);
-            at += cluster.frame_bytes();
-        }
-    }
-}
-
 /// A cluster in a frame.
 #[derive(Clone, Copy)]
 pub struct ClusterView<'a> {
@@ -157,7 +62,7 @@ impl<'a> ClusterView<'a> {
         self.head
     }
 
-    /// The bytes from the cluster's start to the end of the frame, for readers that do their own addressing.
+    /// The bytes of the cluster and eight zeros behind them, for readers that do their own addressing.
     #[inline(always)]
     pub fn bytes(&self) -> &'a [u8] {
         self.bytes
@@ -342,6 +247,11 @@ impl<'a> ClusterView<'a> {
         }
     }
 
+    /// The greatest index of a material in it.
+    pub fn greatest_material(&self) -> u16 {
+        self.palette().iter().map(|entry| u16::from_le_bytes(*entry)).max().unwrap_or(0)
+    }
+
     /// The materials in it, as stored.
     fn palette(&self) -> &'a [[u8; 2]] {
         let at = self.palette_offset();
@@ -365,6 +275,8 @@ impl<'a> ClusterView<'a> {
         bits::get(&self.bytes[at..], index * bits, bits as u32) as usize
     }
 
+    /// Bytes that it takes in a frame.
+    #[inline(always)]
     pub(super) fn frame_bytes(&self) -> usize {
         self.vertices_offset() + (self.vertex_count() * self.vertex_bits() as usize).div_ceil(8)
     }

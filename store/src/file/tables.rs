@@ -185,13 +185,13 @@ pub(super) fn parse_top(
                 let node = top.get(index as usize)?;
                 let first_visit = !std::mem::replace(&mut seen[index as usize], true);
                 let sound = first_visit
-                    && (1..=NODE_WIDTH).contains(&usize::from(node.child_count))
-                    && node.exponent.iter().all(|&e| e <= 32);
+                    && (1..=NODE_WIDTH).contains(&usize::from(node.boxes.child_count))
+                    && node.boxes.exponent.iter().all(|&e| e <= 32);
                 if !sound {
                     return None;
                 }
                 stack.extend(
-                    node.child[..usize::from(node.child_count)].iter().map(|&word| (word, depth + 1)),
+                    node.child[..usize::from(node.boxes.child_count)].iter().map(|&word| (word, depth + 1)),
                 );
             }
             _ => return None,

@@ -5,11 +5,13 @@
 //!
 //! Invariants: 1. frame `i` is `frame_bytes` bytes at a fixed address, aligned to 4096; 2. an untouched or released
 //! frame costs no memory; 3. a frame is written only by the loader of the page that is READING into it, and read only
-//! under a pin (see `word.rs`, invariants 2 and 3).
+//! under a pin (see `word.rs`, invariants 2 and 3); clusters are unpacked into it under a pin (`cluster::frame`).
 #![allow(unsafe_code)]
 
+use crate::cluster::SharedFrame;
 use crate::error::Result;
 use crate::io::Region;
+use crate::layout::FRAME_BYTES;
 
 /// A range of addresses for the most frames that the pool can ever have.
 pub(super) struct FrameArena {
@@ -28,10 +30,25 @@ impl FrameArena {
         self.frame_bytes
     }
 
+    /// The memory of a frame, into which clusters may be unpacked.
+    ///
+    /// # Panics
+    /// When the frames of the pool are not those of page files.
+    ///
+    /// # Safety
+    /// The page that owns the frame is RESIDENT and pinned for as long as it is borrowed.
+    #[inline(always)]
+    pub(super) unsafe fn shared(&self, frame: u32) -> SharedFrame<'_> {
+        assert!(self.frame_bytes == FRAME_BYTES);
+        // SAFETY: a whole frame of the mapping, that stays by the contract.
+        unsafe { SharedFrame::at(self.region.at(frame as usize * FRAME_BYTES)) }
+    }
+
     /// The bytes of a frame.
     ///
     /// # Safety
-    /// The page that owns the frame is RESIDENT and pinned for as long as the slice lives.
+    /// The page that owns the frame is RESIDENT and pinned for as long as the slice lives, and nothing of it is
+    /// unpacked.
     pub(super) unsafe fn frame(&self, frame: u32) -> &[u8] {
         let start = self.region.at(frame as usize * self.frame_bytes);
         // SAFETY: inside of the mapping (`at` checks the first byte, the region is whole frames); nobody writes to

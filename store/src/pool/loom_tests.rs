@@ -6,6 +6,7 @@
 //! queue     each slot comes to one decoder, and the end to all
 //! requests  two origins want a page that the loader takes: it is read once
 //! clock     frames are owed while a page is pinned: the unpin wakes the loader, which pays
+//! cluster   two rays ask for a packed one: it is unpacked once, and who sees its word sees all of it
 //! ```
 //!
 //! Unsafe code stands here because loom's cells hand out pointers, and frames are given back to the kernel.
@@ -19,6 +20,7 @@ use super::sync::{AtomicBool, AtomicU64, Mutex, Ordering};
 use super::want::Want;
 use super::word::{CoolOutcome, PageState, SCORE_FIRST, Word};
 use crate::budget::Budget;
+use crate::cluster::{AtomicWord, make_once};
 use crate::io::ALIGN_BYTES;
 use loom::cell::UnsafeCell;
 use loom::sync::Arc;
@@ -248,5 +250,72 @@ fn loom_an_unpin_wakes_who_owes_frames() {
         let clock = lock(&owing.clock);
         assert_eq!((clock.live(), clock.owed(), clock.evicted), (0, 0, 2));
         assert!(owing.words.iter().all(|word| word.view().state == PageState::Absent));
+    });
+}
+
+impl AtomicWord for loom::sync::atomic::AtomicU32 {
+    fn load_acquire(&self) -> u32 {
+        self.load(Ordering::Acquire)
+    }
+
+    fn store_release(&self, value: u32) {
+        self.store(value, Ordering::Release);
+    }
+
+    fn try_take(&self) -> bool {
+        self.compare_exchange(0, 1, Ordering::Acquire, Ordering::Relaxed).is_ok()
+    }
+
+    fn pause() {
+        thread::yield_now();
+    }
+}
+
+/// Two clusters of a frame, and where the heap ends.
+struct TwoClusters {
+    lock: loom::sync::atomic::AtomicU32,
+    words: [loom::sync::atomic::AtomicU32; 2],
+    heap: [UnsafeCell<u64>; 2],
+    heap_end: UnsafeCell<u64>,
+}
+
+impl TwoClusters {
+    fn read(&self, index: usize) {
+        let word = &self.words[index];
+        if word.load_acquire() == 0 {
+            make_once(
+                (&self.lock, word),
+                |word| word != 0,
+                || {
+                    let at = self.heap_end.with(read);
+                    self.heap[at as usize].with_mut(|bytes| write(bytes, 70 + index as u64));
+                    self.heap_end.with_mut(|end| write(end, at + 1));
+                    word.store_release(1 + at as u32);
+                },
+            );
+        }
+        let at = word.load_acquire() as usize - 1;
+        self.heap[at].with(|bytes| assert_eq!(read(bytes), 70 + index as u64));
+    }
+}
+
+/// One thread asks for one cluster and then for the other, one the other way round.
+#[test]
+fn loom_clusters_are_unpacked_once() {
+    loom::model(|| {
+        let zero = || loom::sync::atomic::AtomicU32::new(0);
+        let shared = Arc::new(TwoClusters {
+            lock: zero(),
+            words: [zero(), zero()],
+            heap: [UnsafeCell::new(0), UnsafeCell::new(0)],
+            heap_end: UnsafeCell::new(0),
+        });
+        let other = {
+            let shared = Arc::clone(&shared);
+            thread::spawn(move || [1, 0].iter().for_each(|&index| shared.read(index)))
+        };
+        [0, 1].iter().for_each(|&index| shared.read(index));
+        other.join().unwrap();
+        shared.heap_end.with(|end| assert_eq!(read(end), 2));
     });
 }

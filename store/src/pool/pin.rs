@@ -7,16 +7,19 @@
 //! block, so that no later pool can stand at its address and be taken for it.
 #![allow(unsafe_code)]
 
+use super::loader::DAMAGE_MAX;
 use super::page_pool::PagePool;
 use super::shared::PoolState;
+use super::signal::lock;
+use super::stats::count;
+use crate::cluster::{Frame, SharedFrame, Unpack};
 use std::ops::Deref;
 use std::sync::Arc;
 
 /// A pinned page, as bytes of its frame. Unpins on drop.
 pub struct Pin<'pool> {
     pool: &'pool PagePool,
-    bytes: &'pool [u8],
-    page: u32,
+    token: PinToken,
 }
 
 /// A pin without a lifetime, for tables that live beside the pool. Give it back with [`PagePool::unpin`]: a token that
@@ -39,20 +42,30 @@ impl PinToken {
 impl Pin<'_> {
     /// The pinned page.
     pub fn page(&self) -> u32 {
-        self.page
+        self.token.page
+    }
+
+    /// Its frame.
+    pub fn frame(&self) -> Frame<'_> {
+        self.pool.frame(&self.token)
     }
 }
 
 impl Deref for Pin<'_> {
     type Target = [u8];
+
+    /// The bytes of its frame.
+    ///
+    /// # Panics
+    /// For a page that is unpacked on demand: see [`Pin::frame`].
     fn deref(&self) -> &[u8] {
-        self.bytes
+        self.pool.bytes(&self.token)
     }
 }
 
 impl Drop for Pin<'_> {
     fn drop(&mut self) {
-        self.pool.shared.unpin(self.page);
+        self.pool.shared.unpin(self.token.page);
     }
 }
 
@@ -75,14 +88,27 @@ impl PagePool {
         token
     }
 
-    /// The frame of a pinned page.
+    /// The bytes of the frame of a pinned page.
     ///
     /// # Panics
-    /// When the token is another pool's.
+    /// When the token is another pool's, and for a page that is unpacked on demand: see [`PagePool::frame`].
     pub fn bytes<'a>(&'a self, token: &'a PinToken) -> &'a [u8] {
         self.check_token(token);
+        assert!(!self.shared.store.is_unpacked_later(token.page), "page {} may be written", token.page);
         // SAFETY: the token is this pool's, so its page is RESIDENT and pinned while the token is borrowed.
         unsafe { self.shared.arena.frame(token.frame) }
+    }
+
+    /// The frame of a pinned page, of a pool over a page file.
+    ///
+    /// # Panics
+    /// When the token is another pool's, or frames have not the bytes of those of page files.
+    #[inline]
+    pub fn frame<'a>(&'a self, token: &'a PinToken) -> Frame<'a> {
+        self.check_token(token);
+        // SAFETY: the token is this pool's, so its page is RESIDENT and pinned while the token is borrowed.
+        let memory = unsafe { self.shared.arena.shared(token.frame) };
+        Frame::of_page(memory, token.page, &*self.shared)
     }
 
     /// Takes a pin back.
@@ -95,9 +121,7 @@ impl PagePool {
     }
 
     pub(super) fn pin_of(&self, token: PinToken) -> Pin<'_> {
-        // SAFETY: the pin that the token stood for is kept until the drop of the `Pin`, which borrows the pool.
-        let bytes = unsafe { self.shared.arena.frame(token.frame) };
-        Pin { pool: self, bytes, page: token.page }
+        Pin { pool: self, token }
     }
 
     pub(super) fn pin_uncounted(&self, page: u32) -> Option<PinToken> {
@@ -117,6 +141,23 @@ impl PagePool {
     pub(super) fn leak_if_pinned(&self) {
         if self.shared.words.iter().any(|word| word.view().pins > 0) {
             std::mem::forget(Arc::clone(&self.shared));
+        }
+    }
+}
+
+impl Unpack for PoolState {
+    fn is_unpacked_later(&self, page: u32) -> bool {
+        self.store.is_unpacked_later(page)
+    }
+
+    fn unpack(&self, page: u32, frame: SharedFrame<'_>, cluster: usize) {
+        let Err(error) = self.store.unpack(page, frame, cluster) else { return };
+        let mut damage = lock(&self.damage);
+        if damage.iter().all(|(known, _)| *known != page) {
+            count(&self.counters.damaged);
+            if damage.len() < DAMAGE_MAX {
+                damage.push((page, error));
+            }
         }
     }
 }

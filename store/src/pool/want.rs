@@ -1,5 +1,6 @@
 //! What callers ask for: `Want`; and what the pool asks of a file: `PageStore`.
 
+use crate::cluster::SharedFrame;
 use crate::error::Result;
 use crate::io::{Backend, Extent, IoOptions};
 use std::path::Path;
@@ -31,6 +32,19 @@ pub trait PageStore: Send + Sync {
     /// # Errors
     /// When `stored` is damaged; the page counts as damaged from then on.
     fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()>;
+
+    /// True where `install` leaves parts of the frame of `page` packed, for [`PageStore::unpack`].
+    fn is_unpacked_later(&self, _page: u32) -> bool {
+        false
+    }
+
+    /// Unpacks a cluster of `page`, unless it is there. Others read the frame, and may unpack as well.
+    ///
+    /// # Errors
+    /// When it is damaged: it is lost then, and the page counts as damaged.
+    fn unpack(&self, _page: u32, _frame: SharedFrame<'_>, _cluster: usize) -> Result<()> {
+        Ok(())
+    }
 
     /// Reads the stored bytes of `page` into `stored` once more, by another way than the pool's: what it read was
     /// damaged, and may have been so on its way only. False where there is no other way.

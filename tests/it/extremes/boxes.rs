@@ -3,7 +3,8 @@
 //!
 //! Planes are read as `docs/format.md` and `ClusterView` define them, with none of the store's own arithmetic.
 //! The worst error is how far a plane lies outside, in its own steps: below 1 for its own rounding, and as much as
-//! the boxes below it have moved, which are no coarser.
+//! the boxes below it have moved, which are no coarser. Pages tell the sides of their clusters in seven bits: there it
+//! is how far a plane lies outside of these.
 
 use super::graded_box;
 use super::shapes::{needles, placed};
@@ -12,7 +13,7 @@ use crate::random::Random;
 use crate::support::{Built, build_options, build_source, source};
 use trex_store::TriangleSource;
 use trex_store::build::{BuildOptions, Precision};
-use trex_store::cluster::{ClusterView, FrameRef, FrameView, Node, TopRef};
+use trex_store::cluster::{ChildBoxes, ClusterView, FrameRef, FrameView, TopRef, TreeNode};
 use trex_store::layout::FRAME_BYTES;
 
 /// Least and greatest corner.
@@ -22,6 +23,25 @@ const NOTHING: Bounds = [[i128::MAX; 3], [i128::MIN; 3]];
 
 fn join(a: Bounds, b: Bounds) -> Bounds {
     [std::array::from_fn(|i| a[0][i].min(b[0][i])), std::array::from_fn(|i| a[1][i].max(b[1][i]))]
+}
+
+/// What is below a box: exact, and as it is told.
+#[derive(Clone, Copy)]
+struct Inside {
+    exact: Bounds,
+    told: Bounds,
+}
+
+impl Inside {
+    fn join(self, other: Inside) -> Inside {
+        Inside { exact: join(self.exact, other.exact), told: join(self.told, other.told) }
+    }
+}
+
+/// The side of a cluster as its page tells it: the highest seven bits, and all below them set.
+fn told_side(side: i128) -> i128 {
+    let lost = (128 - side.leading_zeros()).saturating_sub(7);
+    (((side >> lost) + 1) << lost) - 1
 }
 
 /// A walk over all boxes of a file.
@@ -38,21 +58,31 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     /// The box holds `inside`; planes have these steps.
-    fn holds(&mut self, planes: Bounds, inside: Bounds, steps: [i128; 3]) {
+    fn holds(&mut self, planes: Bounds, Inside { exact, told }: Inside, steps: [i128; 3]) {
         self.box_count += 1;
         for a in 0..3 {
-            let outside = [inside[0][a] - planes[0][a], planes[1][a] - inside[1][a]];
-            assert!(outside.iter().all(|&o| o >= 0), "{}: {planes:?} does not hold {inside:?}", self.name);
+            let outside = |inside: Bounds| [inside[0][a] - planes[0][a], planes[1][a] - inside[1][a]];
+            assert!(
+                outside(exact).iter().all(|&o| o >= 0),
+                "{}: {planes:?} does not hold {exact:?}",
+                self.name
+            );
+            let outside = outside(told);
             let most = *outside.iter().max().unwrap() as f64 / steps[a] as f64;
             self.worst = self.worst.max(most);
         }
     }
 
-    fn children(&mut self, node: &Node, mut below: impl FnMut(&mut Self, u32) -> Bounds) -> Bounds {
+    fn children(
+        &mut self,
+        node: &ChildBoxes,
+        words: &[u32],
+        mut below: impl FnMut(&mut Self, u32) -> Inside,
+    ) -> Inside {
         let shift = self.built.file.superblock().node_shift;
-        let mut all = NOTHING;
+        let mut all = Inside { exact: NOTHING, told: NOTHING };
         for i in 0..usize::from(node.child_count) {
-            let inside = below(self, node.child[i]);
+            let inside = below(self, words[i]);
             let plane = |a: usize, q: u16| {
                 (i128::from(node.origin[a]) + (i128::from(q) << node.exponent[a])) << shift
             };
@@ -61,16 +91,16 @@ impl Walk<'_> {
                 std::array::from_fn(|a| plane(a, node.hi[a][i])),
             ];
             self.holds(planes, inside, node.exponent.map(|e| 1 << (u32::from(e) + shift)));
-            all = join(all, inside);
+            all = all.join(inside);
         }
         all
     }
 
-    fn top(&mut self, word: u32) -> Bounds {
+    fn top(&mut self, word: u32) -> Inside {
         match TopRef::from_word(word) {
             TopRef::Node(index) => {
                 let node = self.built.file.top()[index as usize];
-                self.children(&node, Walk::top)
+                self.children(&node.boxes, &node.child, Walk::top)
             }
             TopRef::Page { page, slot } => {
                 if self.page.replace(page) != Some(page) {
@@ -78,20 +108,24 @@ impl Walk<'_> {
                     self.built.file.read_page(page, &mut self.frame, &mut buffers).unwrap();
                 }
                 let root = FrameView::new(&self.frame).root(slot as usize);
-                self.in_page(root)
+                let Inside { exact, .. } = self.in_page(root);
+                Inside { exact, told: exact }
             }
         }
     }
 
-    fn in_page(&mut self, at: FrameRef) -> Bounds {
+    fn in_page(&mut self, at: FrameRef) -> Inside {
         if !at.is_cluster() {
-            let node = *FrameView::new(&self.frame).node(at);
-            return self.children(&node, |walk, word| walk.in_page(FrameRef(word)));
+            let node = FrameView::new(&self.frame).node(at);
+            let (boxes, words): (_, Vec<u32>) = (*node.boxes(), node.words().collect());
+            return self.children(&boxes, &words, |walk, word| walk.in_page(FrameRef(word)));
         }
         let frame = std::mem::take(&mut self.frame);
-        let bounds = self.cluster(&FrameView::new(&frame).cluster(at));
+        let exact = self.cluster(&FrameView::new(&frame).cluster(at).unwrap());
         self.frame = frame;
-        bounds
+        let end = (1 << self.built.file.superblock().lattice_bits) - 1;
+        let hi = |a: usize| (exact[0][a] + told_side(exact[1][a] - exact[0][a])).min(end);
+        Inside { exact, told: [exact[0], std::array::from_fn(hi)] }
     }
 
     fn cluster(&mut self, cluster: &ClusterView<'_>) -> Bounds {
@@ -108,7 +142,7 @@ impl Walk<'_> {
             let plane = |a: usize, cell: i128| i128::from(base[a]) + (cell << shift[a]);
             let lo = std::array::from_fn(|a| plane(a, i128::from(planes[a][leaf])));
             let hi = std::array::from_fn(|a| plane(a, i128::from(planes[3 + a][leaf]) + 1) - 1);
-            self.holds([lo, hi], inside, shift.map(|s| 1 << s));
+            self.holds([lo, hi], Inside { exact: inside, told: inside }, shift.map(|s| 1 << s));
             all = join(all, inside);
         }
         all
@@ -121,7 +155,7 @@ fn check(source: &mut dyn TriangleSource, precision: Precision) {
     let frame = vec![0; FRAME_BYTES];
     let mut walk =
         Walk { name: &name, built: &built, frame, page: None, triangle_count: 0, box_count: 0, worst: 0.0 };
-    let all = walk.top(built.file.superblock().root);
+    let Inside { exact: all, .. } = walk.top(built.file.superblock().root);
     let block = built.file.superblock();
     assert_eq!(all, block.lattice_bounds.map(|corner| corner.map(i128::from)), "{name}: the model's box");
     assert_eq!(walk.triangle_count as u64, block.triangle_count, "{name}: triangles under the root");

@@ -63,7 +63,7 @@ impl Pages for HiddenPages<'_> {
         if page % self.hidden == self.hidden - 1 {
             Page::Missing
         } else {
-            Page::Ready(self.resident.frame(page))
+            Page::Ready(self.resident.frame(page).into())
         }
     }
 

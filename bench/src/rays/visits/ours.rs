@@ -3,7 +3,7 @@
 use super::tree::{Box3, Level, NOTHING, Part, Tree, corners_of};
 use trex_render::AllResident;
 use trex_store::PageFile;
-use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};
+use trex_store::cluster::{FrameRef, FrameView, TopRef, TreeNode};
 
 /// The tree of a file, in the making.
 pub(super) struct FileTree<'a> {
@@ -49,19 +49,14 @@ impl FileTree<'_> {
     fn node(
         &mut self,
         (at, bounds, level): (usize, Box3, Level),
-        node: &Node,
+        node: &impl TreeNode,
         mut below: impl FnMut(&mut Self, usize, Box3, u32),
     ) {
-        let first = self.reserve((at, bounds, level), usize::from(node.child_count));
+        let first = self.reserve((at, bounds, level), usize::from(node.boxes().child_count));
         let shift = self.file.superblock().node_shift;
-        for i in 0..usize::from(node.child_count) {
-            let child = node.child_box(i, shift);
-            below(
-                self,
-                first + i,
-                [child.lo, child.hi].map(|corner| corner.map(|q| q as f32)),
-                node.child[i],
-            );
+        for i in 0..usize::from(node.boxes().child_count) {
+            let child = node.boxes().child_box(i, shift);
+            below(self, first + i, [child.lo, child.hi].map(|corner| corner.map(|q| q as f32)), node.word(i));
         }
     }
 
@@ -75,7 +70,7 @@ impl FileTree<'_> {
     }
 
     fn cluster(&mut self, frame: FrameView<'_>, at: usize, bounds: Box3, word: FrameRef) {
-        let cluster = frame.cluster(word);
+        let cluster = frame.cluster(word).expect("a page that was unpacked whole");
         let first = self.reserve((at, bounds, Level::Cluster), cluster.leaf_count());
         let (base, shift, planes) = (cluster.base(), cluster.leaf_shift(), cluster.leaf_planes());
         for leaf in 0..cluster.leaf_count() {

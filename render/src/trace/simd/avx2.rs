@@ -22,7 +22,7 @@ use enter::{Order, Rows};
 use refine::Exact;
 use std::arch::x86_64::*;
 use std::mem::offset_of;
-use trex_store::cluster::{CLUSTER_HEAD_BYTES, ClusterHead, ClusterView, LeafIndices, Node};
+use trex_store::cluster::{CLUSTER_HEAD_BYTES, ChildBoxes, ClusterHead, ClusterView, LeafIndices};
 use trex_store::layout::{CLUSTER_LEAVES, NODE_WIDTH};
 
 /// A ray set up for eight lanes. Of four lanes the last is not used, but where it is said.
@@ -358,7 +358,7 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn node(&self, node: &Node, t_max: f32) -> Lanes<NODE_WIDTH> {
+    fn node(&self, node: &ChildBoxes, t_max: f32) -> Lanes<NODE_WIDTH> {
         let mut lanes = Lanes { mask: 0, t: [0.0; 8] };
         let rows = std::ptr::from_ref(&node.lo).cast::<u8>();
         // SAFETY: a node begins with its origin, exponents and count, 16 bytes; its lower planes are followed by the
@@ -496,10 +496,10 @@ impl Kernel for Avx2 {
 
 /// Lower planes are followed by upper ones, and both by the children; before them stand sixteen bytes.
 const _: () = assert!(
-    offset_of!(Node, exponent) == 12
-        && offset_of!(Node, child_count) == 15
-        && offset_of!(Node, lo) == 16
-        && offset_of!(Node, hi) == 16 + 3 * 2 * NODE_WIDTH
+    offset_of!(ChildBoxes, exponent) == 12
+        && offset_of!(ChildBoxes, child_count) == 15
+        && offset_of!(ChildBoxes, lo) == 16
+        && offset_of!(ChildBoxes, hi) == 16 + 3 * 2 * NODE_WIDTH
 );
 
 const BYTES_OF_ONE: u64 = 0x0101_0101_0101_0101;

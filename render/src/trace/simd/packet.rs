@@ -20,7 +20,7 @@ use crate::trace::pages::{Page, Pages};
 use crate::trace::scalar::Real;
 use crate::trace::stack::{STACK, Stack, StackEntry, VisitStack};
 use std::arch::x86_64::*;
-use trex_store::cluster::{FrameRef, FrameView, Node, TopRef};
+use trex_store::cluster::{ChildBoxes, FrameRef, FrameView, TopRef, TreeNode};
 use trex_store::layout::NODE_WIDTH;
 
 /// Rays of a packet: what a register holds.
@@ -248,10 +248,10 @@ impl PacketWalk<'_> {
 
     /// Puts the children of a node that some of `rays` meet, the nearest on top.
     #[inline(always)]
-    fn node(&mut self, node: &Node, scene: &LatticeScene, rays: u32) {
+    fn node(&mut self, node: &impl TreeNode, scene: &LatticeScene, rays: u32) {
         let mut t = [[0.0; PACKET_RAYS]; NODE_WIDTH];
         // SAFETY: the caller runs with AVX2 and FMA.
-        let met = unsafe { self.boxes.meet(node, scene.frame.node_shift, &self.t_max, &mut t) };
+        let met = unsafe { self.boxes.meet(node.boxes(), scene.frame.node_shift, &self.t_max, &mut t) };
         // By the t of one ray: rays of a packet mostly agree.
         let (first, mut count) = (self.len, 0);
         let mut order = [0u64; NODE_WIDTH];
@@ -274,7 +274,7 @@ impl PacketWalk<'_> {
         for new in &order[..count] {
             let child = *new as usize % NODE_WIDTH;
             let waiting =
-                PacketEntry { t: t[child], word: node.child[child], rays: (*new >> 8) as u32 & 0xff };
+                PacketEntry { t: t[child], word: node.word(child), rays: (*new >> 8) as u32 & 0xff };
             self.put(waiting);
         }
     }
@@ -309,7 +309,7 @@ impl PacketRays {
     #[inline(always)]
     unsafe fn meet(
         &self,
-        node: &Node,
+        node: &ChildBoxes,
         shift: u32,
         t_max: &RayRow,
         t: &mut [RayRow; NODE_WIDTH],

@@ -124,7 +124,7 @@ impl<'a, E: Fn(usize) -> Option<Entry>, A: FnMut(u32, Outcome), const FINER: u32
             None => return Err(Without::Room),
             Some(Page::Missing) => return Err(Without::Page(page)),
             Some(Page::Damaged) => return Err(Without::Unit),
-            Some(Page::Ready(frame)) => frame,
+            Some(Page::Ready(frame)) => frame.bytes(),
         };
         let view = UnitsView::new(frame);
         let bitmaps = view.bitmaps();

@@ -11,13 +11,13 @@
 use super::packed_page::{AttributePacker, PackContext, PackedPage};
 use crate::attributes::AttributeSet;
 use crate::cluster::{
-    ClusterMesh, ClusterOrder, FRAME_TAIL_BYTES, FrameRef, FrameView, LatticeBox, Node, Normal, PageContent,
-    PageRef, install,
+    ClusterMesh, ClusterOrder, FRAME_HEADER_BYTES, FrameRef, FrameView, LatticeBox, Node, Normal,
+    PageContent, PageRef, install,
 };
 use crate::layout::{FRAME_BYTES, PAGE_ROOTS};
 
-/// Frame bytes for nodes and clusters; header, all root slots and the tail are set aside.
-const PAGE_CAPACITY: usize = FRAME_BYTES - 16 - 4 * PAGE_ROOTS - FRAME_TAIL_BYTES;
+/// Frame bytes for nodes and clusters; header and all root slots are set aside.
+const PAGE_CAPACITY: usize = FRAME_BYTES - FRAME_HEADER_BYTES - 4 * PAGE_ROOTS;
 /// Bytes of the colours, and of the normals, of a triangle.
 const COLOUR_BYTES: usize = 9;
 const NORMAL_BYTES: usize = 12;
@@ -112,7 +112,7 @@ impl OpenPage {
         let frame: &mut [u8] = bytemuck::cast_slice_mut(&mut frame);
         install(page, lattice_bits, frame).ok()?;
         let mut end = OpenPage::default();
-        let view = FrameView::new(frame);
+        let view = FrameView::new(&*frame);
         for slot in 0..view.root_count() {
             let root = end.copy(&view, view.root(slot), context)?;
             end.content.roots.push(root);
@@ -130,7 +130,7 @@ impl OpenPage {
     /// was checked when the frame was filled.
     fn copy(&mut self, view: &FrameView<'_>, at: FrameRef, context: PackContext<'_>) -> Option<PageRef> {
         if at.is_cluster() {
-            let ordered = ClusterOrder::decoded(view.cluster(at).decode())?;
+            let ordered = ClusterOrder::decoded(view.cluster(at)?.decode())?;
             let LatticeBox { lo, hi } = ordered.mesh.bounds();
             let all = LatticeBox { lo, hi }.join(&context.bounds);
             let is_known = |&material: &u16| usize::from(material) < context.emissive.len();
@@ -144,8 +144,7 @@ impl OpenPage {
         let (node, index) = (view.node(at), self.content.nodes.len());
         self.bytes += Node::BYTES;
         self.content.nodes.push(Vec::new());
-        let children = node.child[..usize::from(node.child_count)].iter();
-        let children = children.map(|&child| self.copy(view, FrameRef(child), context));
+        let children = node.words().map(|child| self.copy(view, FrameRef(child), context));
         self.content.nodes[index] = children.collect::<Option<Vec<_>>>()?;
         Some(PageRef::Node(index as u16))
     }

@@ -2,11 +2,12 @@
 
 use super::*;
 
-/// The head of a page with one cluster, up to the bits of it: anchor at 100, 200, 300, materials of three bits.
-const HEAD: [u8; 25] = [1, 0, 0, 0, 1, 0, 0, 0, 3, 100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, 0];
+/// The head of a page with one cluster, up to its entry: anchor at 100, 200, 300, materials of three bits, bytes of
+/// eight.
+const HEAD: [u8; 26] = [1, 0, 0, 0, 1, 0, 0, 0, 3, 100, 0, 0, 0, 0, 200, 0, 0, 0, 0, 44, 1, 0, 0, 0, 8, 0];
 
 /// The quad of `the_bytes_of_a_tiny_page_are_these`, field by field: value and bits.
-const QUAD: [(u64, u32); 33] = [
+const QUAD: [(u64, u32); 36] = [
     // Triangles and vertices, less one; wide; palette; leaves differ; axis widths; class widths.
     (1, 7),
     (3, 7),
@@ -44,18 +45,31 @@ const QUAD: [(u64, u32); 33] = [
     (3, 2),
     (3, 2),
     (0, 1),
+    // Extents: of 9 in four bits, 7 in three, 1 in one.
+    (1, 6),
+    (3, 6),
+    (0, 6),
+];
+/// The fields of its entry, before its bytes, and those of its bits.
+const ENTRY: [usize; 7] = [0, 5, 6, 7, 33, 34, 35];
+const BITS: [usize; 29] = [
+    1, 2, 3, 4, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31,
+    32,
 ];
 
 /// A page of `head` and the quad with some fields replaced, and bytes behind it.
 fn lie(head: &[u8], fields: &[(usize, (u64, u32))], behind: &[u8]) -> Vec<u8> {
     let mut quad = QUAD;
     fields.iter().for_each(|&(index, field)| quad[index] = field);
-    let mut bits = Vec::new();
-    for (value, width) in quad {
-        bits.extend((0..width).map(|i| (value >> i) as u8 & 1));
-    }
-    let bytes = bits.chunks(8).map(|eight| eight.iter().rev().fold(0, |byte, bit| byte << 1 | bit));
-    head.iter().copied().chain(bytes).chain(behind.iter().copied()).collect()
+    let bytes = |fields: &[(u64, u32)]| -> Vec<u8> {
+        let bits = fields.iter().flat_map(|&(value, width)| (0..width).map(move |i| (value >> i) as u8 & 1));
+        let bits: Vec<u8> = bits.collect();
+        bits.chunks(8).map(|eight| eight.iter().rev().fold(0, |byte, bit| byte << 1 | bit)).collect()
+    };
+    let cluster = bytes(&BITS.map(|at| quad[at]));
+    let size = (cluster.len() as u64, 8);
+    let entry = bytes(&[&ENTRY.map(|at| quad[at])[..], &[size]].concat());
+    [head, &entry, &cluster, behind].concat()
 }
 
 /// HEAD with some bytes replaced.
@@ -132,21 +146,32 @@ fn heads_that_lie_are_refused() {
         refused(&lie(&head(&[bytes]), &[], &[]), counts);
     }
     let widths = "a width of a page is out of range";
-    for bytes in [(5, 41), (6, 255), (7, 41), (8, 17)] {
+    for bytes in [(5, 41), (6, 255), (7, 41), (8, 17), (24, 17)] {
         refused(&lie(&head(&[bytes]), &[], &[]), widths);
     }
     for bytes in [(1, 16), (3, 3)] {
-        refused(&lie(&head(&[bytes]), &[], &[]), "a page does not fit its frame");
+        refused(&lie(&head(&[bytes]), &[], &[]), "a page ends early");
     }
-    refused(&lie(&head(&[(24, 2)]), &[], &[]), "bits are left over behind the roots of a page");
-    refused(&lie(&head(&[(24, 1)]), &[], &[]), "a page has fewer nodes than its tree");
+    refused(&lie(&head(&[(25, 2)]), &[], &[]), "bits are left over in the head of a page");
+    refused(&lie(&head(&[(25, 1)]), &[], &[]), "a page has fewer nodes than its tree");
     refused(&lie(&head(&[(4, 2)]), &[], &[]), "a page has fewer clusters than its tree");
-    refused(&lie(&HEAD, &[], &[0]), "bytes are left over behind the last cluster");
+    refused(&lie(&HEAD, &[], &[0]), "the clusters of a page are more or fewer than its head says");
+    // Bytes of the cluster in nine bits, of which the last is no zero; an extent that its axis has no bits for.
+    let nine = |last: u8| {
+        let mut page = lie(&head(&[(24, 9)]), &[], &[]);
+        page[32] |= last << 3;
+        page
+    };
+    install_twice(&nine(0)).unwrap();
+    refused(&nine(1), "the clusters of a page are more or fewer than its head says");
+    refused(&nine(2), "bits are left over in the head of a page");
+    refused(&lie(&HEAD, &[(33, (8, 6))], &[]), "a cluster is out of range");
+    refused(&lie(&HEAD, &[(33, (0, 6))], &[]), "a cluster is larger than its box");
 }
 
 /// A page of one root, a node, over `nodes` and one cluster.
 fn with_nodes(nodes: &[[u8; 2]]) -> Vec<u8> {
-    let mut head = head(&[(2, nodes.len() as u8), (24, 1)]);
+    let mut head = head(&[(2, nodes.len() as u8), (3, (nodes.len() >> 8) as u8), (25, 1)]);
     head.extend(nodes.as_flattened());
     lie(&head, &[], &[])
 }
@@ -164,6 +189,7 @@ fn trees_that_lie_are_refused() {
     let deepest = crate::layout::TREE_DEPTH;
     install_twice(&with_nodes(&chain(deepest))).unwrap();
     refused(&with_nodes(&chain(deepest + 1)), "the tree of a page is too deep");
+    refused(&with_nodes(&[[1, 0]; 500]), "a page does not fit its frame");
 }
 
 #[test]
@@ -262,7 +288,7 @@ fn walk_if_installed(packed: &[u8]) {
         nodes += 1;
         assert!(nodes <= FRAME_BYTES / Node::BYTES, "a walk goes in circles");
         let node = view.node(at);
-        stack.extend(node.child[..usize::from(node.child_count)].iter().map(|&word| FrameRef(word)));
+        stack.extend(node.words().map(FrameRef));
     }
     assert_eq!(met, clusters, "a walk meets each cluster once");
 }

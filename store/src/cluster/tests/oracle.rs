@@ -41,20 +41,48 @@ pub(super) fn clusters(packed: &[u8]) -> Vec<ClusterMesh> {
     let offset_bits: [usize; 3] = std::array::from_fn(|_| bits.number(8));
     let material_bits = bits.number(8);
     let anchor: [u64; 3] = std::array::from_fn(|_| bits.take(40));
+    let size_bits = bits.number(8);
     bits.at += 8 * root_count.div_ceil(8) + 16 * node_count;
-    let page = Page { offset_bits, material_bits, anchor };
-    (0..cluster_count).map(|_| page.cluster(&mut bits)).collect()
+    let page = Page { offset_bits, material_bits, anchor, size_bits };
+    let entries: Vec<Entry> = (0..cluster_count).map(|_| page.entry(&mut bits)).collect();
+    bits.at = bits.at.next_multiple_of(8);
+    let mut clusters = Vec::new();
+    for entry in entries {
+        let before = bits.at;
+        clusters.push(page.cluster(&entry, &mut bits));
+        assert_eq!(bits.at - before, 8 * entry.size);
+    }
+    clusters
+}
+
+/// What is told of a cluster before its bits.
+struct Entry {
+    triangle_count: usize,
+    base: [u64; 3],
+    axis_bits: [usize; 3],
+    size: usize,
 }
 
 struct Page {
     offset_bits: [usize; 3],
     material_bits: usize,
     anchor: [u64; 3],
+    size_bits: usize,
 }
 
 impl Page {
-    fn cluster(&self, bits: &mut Bits<'_>) -> ClusterMesh {
-        let (triangle_count, vertex_count) = (bits.number(7) + 1, bits.number(7) + 1);
+    fn entry(&self, bits: &mut Bits<'_>) -> Entry {
+        let triangle_count = bits.number(7) + 1;
+        let base = std::array::from_fn(|axis| self.anchor[axis] + bits.take(self.offset_bits[axis]));
+        let axis_bits = std::array::from_fn(|_| bits.number(6));
+        // Three extents.
+        bits.at += 18;
+        Entry { triangle_count, base, axis_bits, size: bits.number(self.size_bits) }
+    }
+
+    fn cluster(&self, entry: &Entry, bits: &mut Bits<'_>) -> ClusterMesh {
+        let &Entry { triangle_count, base, axis_bits, .. } = entry;
+        let vertex_count = bits.number(7) + 1;
         let (wide, has_palette, leaves_differ) = (bits.take(1) == 1, bits.take(1) == 1, bits.take(1) == 1);
         let leaf_sizes: Vec<u8> = if leaves_differ {
             let leaf_count = bits.number(4) + 1;
@@ -62,9 +90,6 @@ impl Page {
         } else {
             (0..triangle_count.div_ceil(8)).map(|leaf| (triangle_count - 8 * leaf).min(8) as u8).collect()
         };
-        let base: [u64; 3] =
-            std::array::from_fn(|axis| self.anchor[axis] + bits.take(self.offset_bits[axis]));
-        let axis_bits: [usize; 3] = std::array::from_fn(|_| bits.number(6));
         let classes: [usize; 3] = std::array::from_fn(|_| if wide { 0 } else { bits.number(5) });
         let palette_len = if has_palette { bits.number(7) + 1 } else { 1 };
         let palette: Vec<u16> = (0..palette_len).map(|_| bits.take(self.material_bits) as u16).collect();
