@@ -15,8 +15,8 @@
 //! Unsafe code stands here because a frame is written while others read it.
 //!
 //! Invariants: 1. a frame in here was filled by `install`, which checked every count and index; 2. of what changes,
-//! words are atomic, and the rest belongs to who holds the lock; 3. a cluster is written before the word that leads to it
-//! is released, and never again; 4. what is lent of a frame as bytes does not change while it is borrowed.
+//! words are atomic, and the rest belongs to who holds the lock; 3. a cluster is written before the word that leads to
+//! it is released, and never again; 4. what is lent of a frame as bytes does not change while it is borrowed.
 #![allow(unsafe_code)]
 
 use super::node::{FrameNode, Node};

@@ -7,6 +7,7 @@
 //! list of libraries; 4. nothing in an MTL file is an error: what cannot be used is a warning; 5. names are looked up
 //! as files hold them, so that a long one is found by what it was cut to.
 
+use super::material_pictures::MaterialPictures;
 use super::mtl;
 use super::{ImportOptions, MaterialNaming};
 use crate::budget::{Budget, Lease};
@@ -19,6 +20,7 @@ use crate::stamp;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
+use std::io;
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -31,6 +33,9 @@ const MAX_LIBRARIES: usize = 1024;
 
 /// Bytes charged per material beside its name, which is kept twice: the entry, the map, and both again while they grow.
 const MATERIAL_BYTES: u64 = 320;
+
+/// Bytes of the row of a picture, beside the name of its file.
+const PICTURE_ROW_BYTES: u64 = 2 * (size_of::<mtl::PictureRow>() as u64 + 8);
 
 /// Bytes that a table leases for `count` materials, whose names have so many bytes together.
 pub(in crate::import) fn table_bytes(count: u64, name_bytes: u64) -> u64 {
@@ -45,6 +50,7 @@ pub(super) struct MaterialTable {
     undefined: HashSet<u32>,
     /// Each with its stamp before it was read.
     libraries: BTreeMap<PathBuf, String>,
+    pictures: MaterialPictures,
     transparent_count: u64,
     /// Bytes of all names, as files hold them.
     name_bytes: u64,
@@ -61,6 +67,7 @@ impl MaterialTable {
             index_of_name: HashMap::new(),
             undefined: HashSet::new(),
             libraries: BTreeMap::new(),
+            pictures: MaterialPictures::new(options)?,
             transparent_count: 0,
             name_bytes: "default".len() as u64,
             naming: options.naming,
@@ -74,11 +81,21 @@ impl MaterialTable {
         &self.entries
     }
 
-    /// MTL files that were looked for, by full path, each with its stamp.
-    pub(super) fn libraries(&self) -> Vec<(Vec<u8>, String)> {
+    /// Their pictures.
+    pub(super) fn pictures(&self) -> &MaterialPictures {
+        &self.pictures
+    }
+
+    /// Their pictures, to look into.
+    pub(super) fn pictures_mut(&mut self) -> &mut MaterialPictures {
+        &mut self.pictures
+    }
+
+    /// MTL files and pictures that were looked for, by full path, each with its stamp.
+    pub(super) fn named_files(&self) -> Vec<(Vec<u8>, String)> {
         let full = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
-        let libraries = self.libraries.iter();
-        libraries.map(|(path, stamp)| (full(path).into_os_string().into_vec(), stamp.clone())).collect()
+        let files = self.libraries.iter().chain(self.pictures.files());
+        files.map(|(path, stamp)| (full(path).into_os_string().into_vec(), stamp.clone())).collect()
     }
 
     /// Bytes of all names, as files hold them.
@@ -124,57 +141,76 @@ impl MaterialTable {
             }
             if !self.libraries.contains_key(&path) {
                 self.libraries.insert(path.clone(), stamp(&path));
-                warnings.extend(self.load_library(&path)?);
+                self.load_library(&path, &mut warnings)?;
             }
         }
         Ok(warnings)
     }
 
-    fn load_library(&mut self, path: &Path) -> Result<Option<String>> {
+    fn load_library(&mut self, path: &Path, warnings: &mut Vec<String>) -> Result<()> {
         let shown = path.display();
+        let unread =
+            |error: io::Error| format!("MTL file {shown} cannot be read ({error}): its materials are grey");
         let bytes = match std::fs::metadata(path) {
-            Err(error) => {
-                return Ok(Some(format!(
-                    "MTL file {shown} cannot be read ({error}): its materials are grey"
-                )));
-            }
-            Ok(kind) if !kind.is_file() => {
-                return Ok(Some(format!("MTL file {shown} is not a regular file")));
-            }
+            Err(error) => Err(unread(error)),
+            Ok(kind) if !kind.is_file() => Err(format!("MTL file {shown} is not a regular file")),
             Ok(kind) if kind.len() > MAX_MTL_BYTES => {
-                return Ok(Some(format!("MTL file {shown} has more than {MAX_MTL_BYTES} bytes: not read")));
+                Err(format!("MTL file {shown} has more than {MAX_MTL_BYTES} bytes: not read"))
             }
-            Ok(kind) => kind.len(),
+            Ok(kind) => Ok(kind.len()),
         };
-        let _lease = self.budget.lease("an MTL file", mtl::READING_BYTES)?;
-        let mut refused = None;
+        let bytes = match bytes {
+            Ok(bytes) => bytes,
+            Err(why) => {
+                warnings.push(why);
+                return Ok(());
+            }
+        };
+        let lease = self.budget.lease("an MTL file", mtl::READING_BYTES)?;
+        let (mut refused, mut with_pictures) = (None, Vec::new());
         let read = File::open(path).and_then(|file| {
-            mtl::read(file, bytes, &mut |name, material| {
-                refused = self.define(name, material).err();
+            mtl::read(file, bytes, &mut |name, material, picture| {
+                let defined = self.define(name, material);
+                if let (Ok(Some(index)), Some(row)) = (&defined, picture) {
+                    let grown = self.lease.grow("materials", PICTURE_ROW_BYTES + row.file.len() as u64);
+                    refused = grown.err();
+                    with_pictures.push((*index, row));
+                }
+                refused = refused.take().or(defined.err());
                 refused.is_none()
             })
         });
+        drop(lease);
         match (refused, read) {
-            (Some(error), _) => Err(error),
-            (None, Err(error)) => {
-                Ok(Some(format!("MTL file {shown} cannot be read ({error}): its materials are grey")))
-            }
-            (None, Ok(dropped)) => Ok((dropped > 0)
-                .then(|| format!("MTL file {shown}: {dropped} lines without proper numbers are not used"))),
+            (Some(error), _) => return Err(error),
+            (None, Err(error)) => warnings.push(unread(error)),
+            (None, Ok(dropped)) if dropped > 0 => warnings.push(format!(
+                "MTL file {shown}: {dropped} lines without proper numbers or names are not used"
+            )),
+            (None, Ok(_)) => {}
         }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        for (index, row) in with_pictures {
+            let material = self.entries[index as usize];
+            let (material, told) = self.pictures.read((index, material), &row, folder)?;
+            self.entries.replace(index as usize, material);
+            warnings.extend(told);
+        }
+        Ok(())
     }
 
-    fn define(&mut self, name: &str, material: Material) -> Result<()> {
-        let transparent = u64::from(material.d < 1.0);
-        match self.index_of_name.get(&*self.key(name)) {
-            None => {
-                self.append(name, material)?;
+    /// Gives the index of a material that was not defined before.
+    fn define(&mut self, name: &str, material: Material) -> Result<Option<u32>> {
+        let index = match self.index_of_name.get(&*self.key(name)) {
+            None => self.append(name, material)?,
+            Some(index) if self.undefined.remove(index) => {
+                self.entries.replace(*index as usize, material);
+                *index
             }
-            Some(index) if self.undefined.remove(index) => self.entries.replace(*index as usize, material),
-            Some(_) => return Ok(()),
-        }
-        self.transparent_count += transparent;
-        Ok(())
+            Some(_) => return Ok(None),
+        };
+        self.transparent_count += u64::from(material.d < 1.0);
+        Ok(Some(index))
     }
 
     /// What is kept of a name.

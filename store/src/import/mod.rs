@@ -14,6 +14,7 @@
 
 mod gltf;
 mod input;
+mod material_pictures;
 mod materials;
 mod mtl;
 mod obj;

@@ -3,6 +3,7 @@
 //! ```text
 //! newmtl NAME    -> the material before is whole
 //! Kd, Ks, ...    -> the last row of each key counts
+//! map_Kd         -> the picture of its colour, and where in it coordinates lie
 //! ```
 //!
 //! `tobj` makes a material of its rows. It is given one material at a time, and only rows that are well formed: it
@@ -34,7 +35,7 @@ const _: () = assert!((3 * KEYS.len() + 8) * LINE_BYTES <= READING_BYTES as usiz
 pub(super) fn read(
     file: File,
     bytes: u64,
-    define: &mut dyn FnMut(&str, Material) -> bool,
+    define: &mut dyn FnMut(&str, Material, Option<PictureRow>) -> bool,
 ) -> io::Result<u64> {
     let mut text = BufReader::new(file.take(bytes));
     let (mut line, mut dropped) = (Vec::new(), 0);
@@ -51,6 +52,12 @@ pub(super) fn read(
             let next = OpenMaterial::new(if name.is_empty() { "(no name)" } else { name });
             if !open.replace(next).is_none_or(|whole| whole.define(define)) {
                 return Ok(dropped);
+            }
+        } else if key == "map_Kd" {
+            let row = PictureRow::parse(&line[key.len()..]);
+            dropped += u64::from(row.is_none());
+            if let (Some(row), Some(open)) = (row, &mut open) {
+                open.picture = Some(row);
             }
         } else if let Some(place) = KEYS.iter().position(|(known, _)| *known == key) {
             match (numbers(words, KEYS[place].1, key), &mut open) {
@@ -81,15 +88,77 @@ struct OpenMaterial {
     name: String,
     /// The last row of each of [`KEYS`], as numbers.
     rows: [Option<String>; KEYS.len()],
+    picture: Option<PictureRow>,
+}
+
+/// What a `map_Kd` row says: a file, and where in its picture the coordinates of a vertex lie.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct PictureRow {
+    /// As it is written.
+    pub(super) file: String,
+    /// `-s`: what coordinates are times.
+    pub(super) scale: [f64; 2],
+    /// `-o`: what is added to these.
+    pub(super) offset: [f64; 2],
+    /// `-clamp on`: beside the picture is its edge, else the picture again.
+    pub(super) clamps: bool,
+}
+
+impl PictureRow {
+    /// What is behind the key: options, and the name of a file, which may have spaces. `None` without a name.
+    fn parse(row: &str) -> Option<PictureRow> {
+        let mut found = PictureRow { file: String::new(), scale: [1.0; 2], offset: [0.0; 2], clamps: false };
+        let mut rest = row.trim();
+        loop {
+            let (word, behind) = split_word(rest);
+            let Some(option) = word.strip_prefix('-') else { break };
+            let most = match option {
+                "blendu" | "blendv" | "cc" | "clamp" | "bm" | "boost" | "texres" | "imfchan" => 1,
+                "mm" => 2,
+                "o" | "s" | "t" => 3,
+                _ => break,
+            };
+            rest = behind;
+            let mut numbers = Vec::new();
+            for _ in 0..most {
+                let (value, behind) = split_word(rest);
+                match value.parse::<f64>() {
+                    Ok(number) if number.is_finite() => numbers.push(number),
+                    _ if most == 1 => found.clamps |= option == "clamp" && value == "on",
+                    // A number that is left out; what comes is another option, or the file.
+                    _ => break,
+                }
+                rest = behind;
+            }
+            let pair = match option {
+                "o" => &mut found.offset,
+                "s" => &mut found.scale,
+                _ => continue,
+            };
+            pair.iter_mut().zip(numbers).for_each(|(part, number)| *part = number);
+        }
+        found.file = rest.trim_matches('"').to_owned();
+        (!found.file.is_empty()).then_some(found)
+    }
+}
+
+/// The first word, and what is behind it.
+fn split_word(text: &str) -> (&str, &str) {
+    let (word, behind) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, behind.trim_start())
 }
 
 impl OpenMaterial {
     fn new(name: &str) -> OpenMaterial {
-        OpenMaterial { name: stored_name(name).into_owned(), rows: [const { None }; KEYS.len()] }
+        OpenMaterial {
+            name: stored_name(name).into_owned(),
+            rows: [const { None }; KEYS.len()],
+            picture: None,
+        }
     }
 
     /// Makes the material, and hands it on; false where that says no.
-    fn define(self, define: &mut dyn FnMut(&str, Material) -> bool) -> bool {
+    fn define(self, define: &mut dyn FnMut(&str, Material, Option<PictureRow>) -> bool) -> bool {
         // The name stays here: `tobj` has rules of its own for names.
         let mut text = String::from("newmtl m\n");
         for ((key, _), row) in KEYS.iter().zip(&self.rows) {
@@ -98,7 +167,7 @@ impl OpenMaterial {
             }
         }
         let made = tobj::load_mtl_buf(&mut text.as_bytes()).ok().and_then(|(mut made, _)| made.pop());
-        made.is_none_or(|made| define(&self.name, from_tobj(&made)))
+        made.is_none_or(|made| define(&self.name, from_tobj(&made), self.picture))
     }
 }
 

@@ -3,6 +3,7 @@
 //! ```text
 //! v x y z, vn x y z -> vertex caches       f a/b/c ...  -> look-ups -> polygon -> triangles
 //! mtllib, usemtl    -> material table      all else     -> counted, skipped
+//! vt u v            -> a vertex cache, where a material has a picture: corners have its colours
 //! ```
 //!
 //! Invariants: 1. a face refers to vertices that stand before it, as every exporter writes them; 2. vertices are
@@ -11,6 +12,7 @@
 use super::ImportOptions;
 use super::input::Input;
 use super::materials::MaterialTable;
+use super::picture::CoarseCount;
 use super::polygon::{FaceCorner, MAX_POLYGON_SIDES, Polygon};
 use super::scalar::Scalar;
 use super::text::{Mark, Text, parse_integer, parse_number, printable};
@@ -21,6 +23,7 @@ use crate::error::Result;
 use crate::geom::Lattice;
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
+use crate::srgb;
 use crate::stated_lattice;
 use std::path::PathBuf;
 
@@ -36,6 +39,10 @@ pub(super) struct ObjSource {
     /// `vn` rows, from the first on, and how many came since the start of this pass.
     normals: Option<VertexCache>,
     defined_normal_count: u64,
+    /// `vt` rows, where there is a picture before the first of them, and how many came since the start of this pass.
+    coordinates: Option<VertexCache>,
+    defined_coordinate_count: u64,
+    textured: CoarseCount,
     options: ImportOptions,
     materials: MaterialTable,
     material: u32,
@@ -56,6 +63,9 @@ impl ObjSource {
             colours: None,
             normals: None,
             defined_normal_count: 0,
+            coordinates: None,
+            defined_coordinate_count: 0,
+            textured: CoarseCount::default(),
             options: options.clone(),
             materials: MaterialTable::new(options)?,
             material: 0,
@@ -71,10 +81,7 @@ impl ObjSource {
             Some(b"v") => self.vertex(),
             Some(b"f" | b"fo") => self.face(batch),
             Some(b"vn") => self.normal(),
-            Some(b"vt") => {
-                self.stats.dropped_attribute_count += 1;
-                self.text.skip_row()
-            }
+            Some(b"vt") => self.coordinate(),
             Some(b"p" | b"l") => {
                 self.stats.skipped_face_count += 1;
                 self.text.skip_row()
@@ -152,18 +159,52 @@ impl ObjSource {
         self.text.skip_row()
     }
 
+    fn coordinate(&mut self) -> Result<()> {
+        self.defined_coordinate_count += 1;
+        let Some(coordinates) = &mut self.coordinates else {
+            self.stats.dropped_attribute_count += 1;
+            return self.text.skip_row();
+        };
+        if self.defined_coordinate_count > coordinates.count() {
+            // What is no number is at the edge of the picture.
+            let mut place = [0.0; 3];
+            for part in &mut place[..2] {
+                *part = self.text.word()?.and_then(parse_number).unwrap_or(0.0);
+            }
+            coordinates.push(place)?;
+        }
+        self.text.skip_row()
+    }
+
     fn face(&mut self, batch: &mut TriangleBatch) -> Result<()> {
         self.polygon.clear();
-        while let Some((index, normal)) = self.corner()? {
+        let place = self.materials.pictures().place(self.material);
+        // In the picture, the first corner and the last one so far.
+        let (mut first_at, mut last_at) = (None, [0.0; 2]);
+        while let Some(ObjCorner { vertex: index, coordinate, normal }) = self.corner()? {
             if self.polygon.len() == MAX_POLYGON_SIDES {
                 return Err(self
                     .text
                     .out_of_range("a face has too many sides", format!("more than {MAX_POLYGON_SIDES}")));
             }
-            let colour = match &mut self.colours {
+            let mut colour = match &mut self.colours {
                 Some(colours) => colours.get(index)?.map(|value| Scalar::F64.channel(value)),
                 None => WHITE,
             };
+            if let Some(place) = place {
+                let coordinates = match (&mut self.coordinates, coordinate) {
+                    (Some(coordinates), Some(index)) => Some(coordinates.get(index)?),
+                    _ => None,
+                };
+                let coordinates = coordinates.map(|[u, v, _]| [u, v]);
+                let (texel, at) = self.materials.pictures_mut().colour(place, coordinates)?;
+                colour = [0, 1, 2].map(|i| srgb::byte_of(srgb::linear_of(colour[i]) * texel[i]));
+                if self.polygon.len() >= 2 {
+                    let size = self.materials.pictures().size(place);
+                    self.textured.add([first_at.unwrap_or(at), last_at, at], size);
+                }
+                (first_at, last_at) = (first_at.or(Some(at)), at);
+            }
             let normal = match (&mut self.normals, normal) {
                 (Some(normals), Some(index)) => Normal::from_vector(normals.get(index)?),
                 _ => Normal::NONE,
@@ -174,10 +215,10 @@ impl ObjSource {
         Ok(())
     }
 
-    /// The vertex of the next corner of this row, the number before the first slash, and its normal, the number behind
-    /// the second one: both from 0.
-    fn corner(&mut self) -> Result<Option<(u64, Option<u64>)>> {
+    /// The next corner of this row.
+    fn corner(&mut self) -> Result<Option<ObjCorner>> {
         let (count, normal_count) = (self.defined_count, self.defined_normal_count);
+        let coordinate_count = self.coordinates.as_ref().map(|_| self.defined_coordinate_count);
         let word = match self.text.word()? {
             Some(word) if !word.starts_with(b"#") => word,
             Some(_) => return self.text.skip_line().map(|_| None),
@@ -188,15 +229,27 @@ impl ObjSource {
             let found = format!("found `{}`", printable(word));
             return Err(self.text.wrong("text where a vertex index belongs").numbers(found));
         };
-        let normal_digits = word.splitn(3, |&byte| byte == b'/').nth(2).filter(|digits| !digits.is_empty());
-        let normal = normal_digits
-            .map(|digits| parse_integer(digits).and_then(|index| from_zero(index, normal_count)).ok_or(()));
-        if normal == Some(Err(())) {
-            let message = "faces refer to normals that are not there: these corners have none".to_owned();
-            warn(&mut self.stats, message);
+        let mut others = word.splitn(3, |&byte| byte == b'/').skip(1);
+        let mut other = |count: u64| {
+            let digits = others.next().filter(|digits| !digits.is_empty())?;
+            Some(parse_integer(digits).and_then(|index| from_zero(index, count)).ok_or(()))
+        };
+        let coordinate = other(coordinate_count.unwrap_or(0)).filter(|_| coordinate_count.is_some());
+        let normal = other(normal_count);
+        for (part, has, found) in
+            [("normals", "have none", normal), ("coordinates", "have the mean of their picture", coordinate)]
+        {
+            if found == Some(Err(())) {
+                let message = format!("faces refer to {part} that are not there: these corners {has}");
+                warn(&mut self.stats, message);
+            }
         }
         match from_zero(index, count) {
-            Some(vertex) => Ok(Some((vertex, normal.and_then(std::result::Result::ok)))),
+            Some(vertex) => {
+                let [coordinate, normal] =
+                    [coordinate, normal].map(|found| found.and_then(std::result::Result::ok));
+                Ok(Some(ObjCorner { vertex, coordinate, normal }))
+            }
             None => Err(self.text.out_of_range(
                 "a face refers to a vertex that is not there",
                 format!("index {index}, and {count} vertices stand before this line"),
@@ -210,8 +263,25 @@ impl ObjSource {
         for warning in self.materials.load_libraries(&folder, &names)? {
             warn(&mut self.stats, warning);
         }
+        if self.coordinates.is_none() && self.materials.pictures().are_sampled() {
+            self.polygon.lease_colours()?;
+            if self.defined_coordinate_count > 0 {
+                let message = "a picture is named behind the first row of coordinates: its faces have its mean. Put \
+                               the row `mtllib` at the head of the file";
+                warn(&mut self.stats, message.to_owned());
+                return Ok(());
+            }
+            self.coordinates = Some(VertexCache::growing(&self.options)?);
+        }
         Ok(())
     }
+}
+
+/// A corner of a face: the numbers of its vertex, its coordinates in a picture, and its normal, from 0.
+struct ObjCorner {
+    vertex: u64,
+    coordinate: Option<u64>,
+    normal: Option<u64>,
 }
 
 impl TriangleSource for ObjSource {
@@ -237,6 +307,7 @@ impl TriangleSource for ObjSource {
     fn rewind(&mut self) -> Result<()> {
         self.text.seek(self.start);
         (self.defined_count, self.defined_normal_count, self.material) = (0, 0, 0);
+        (self.defined_coordinate_count, self.textured) = (0, CoarseCount::default());
         self.vertices.reset_counters();
         self.stats =
             SourceStats { warnings: std::mem::take(&mut self.stats.warnings), ..SourceStats::default() };
@@ -257,6 +328,10 @@ impl TriangleSource for ObjSource {
 
     fn stats(&self) -> SourceStats {
         let (vertex_lookups, vertex_cache_misses) = self.vertices.lookups_and_misses();
+        let mut stats = self.stats.clone();
+        if let Some(told) = self.textured.warning() {
+            warn(&mut stats, told);
+        }
         SourceStats {
             bytes_read: self.text.input().offset(),
             bytes_total: self.text.input().length(),
@@ -265,8 +340,8 @@ impl TriangleSource for ObjSource {
             vertex_cache_misses,
             transparent_material_count: self.materials.transparent_count(),
             material_name_bytes: self.materials.name_bytes(),
-            named_files: self.materials.libraries(),
-            ..self.stats.clone()
+            named_files: self.materials.named_files(),
+            ..stats
         }
     }
 }

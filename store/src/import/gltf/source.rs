@@ -14,6 +14,7 @@ use super::textures::Textures;
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
+use crate::import::picture::CoarseCount;
 use crate::import::polygon::FaceCorner;
 use crate::import::scalar::Scalar;
 use crate::import::vertices::VertexCache;
@@ -23,9 +24,6 @@ use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 use crate::srgb;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Triangles of more pixels of their picture than these are told of: their corners are all that is seen of it.
-const COARSE_TEXELS: f64 = 64.0;
 
 /// What a file was found to hold.
 pub(super) struct GltfParts {
@@ -50,8 +48,8 @@ pub(in crate::import) struct GltfSource {
     colours: Option<OpenValues>,
     normals: Option<OpenValues>,
     coordinates: Option<OpenValues>,
-    /// Triangles with a picture, and those of them that are larger than [`COARSE_TEXELS`].
-    textured_counts: [u64; 2],
+    /// Of triangles with a picture.
+    textured: CoarseCount,
     /// Corners of the primitive at hand.
     corners: Option<TriangleCorners>,
     instances: Option<OpenInstances>,
@@ -103,7 +101,7 @@ impl GltfSource {
             colours: None,
             normals: None,
             coordinates: None,
-            textured_counts: [0; 2],
+            textured: CoarseCount::default(),
             corners: None,
             instances: None,
             lookups: [0; 2],
@@ -240,8 +238,7 @@ impl GltfSource {
             }
             if let Some(texture) = &texture {
                 let size = self.parts.textures.pictures[texture.picture].file_size;
-                self.textured_counts[0] += 1;
-                self.textured_counts[1] += u64::from(texel_count(places, size) > COARSE_TEXELS);
+                self.textured.add(places, size);
             }
             if is_mirrored {
                 triangle.swap(1, 2);
@@ -251,13 +248,6 @@ impl GltfSource {
         }
         Ok(())
     }
-}
-
-/// Texels of a triangle with these corners in a picture.
-fn texel_count(places: [[f64; 2]; 3], size: [u32; 2]) -> f64 {
-    let [a, b, c] = places;
-    let [ab, ac] = [b, c].map(|to| [to[0] - a[0], to[1] - a[1]]);
-    (ab[0] * ac[1] - ab[1] * ac[0]).abs() / 2.0 * f64::from(size[0]) * f64::from(size[1])
 }
 
 impl OpenInstances {
@@ -301,7 +291,7 @@ impl TriangleSource for GltfSource {
 
     fn rewind(&mut self) -> Result<()> {
         (self.at, self.corners, self.lookups) = (GltfCursor::default(), None, [0; 2]);
-        self.textured_counts = [0; 2];
+        self.textured = CoarseCount::default();
         if let Some(open) = &mut self.positions {
             open.cache.reset_counters();
         }
@@ -324,12 +314,7 @@ impl TriangleSource for GltfSource {
         let done = u128::from(stats.triangle_count) * u128::from(stats.bytes_total);
         let triangle_count = u128::from(self.parts.primitives.triangle_count.max(1));
         let mut stats = stats.clone();
-        let [count, coarse] = self.textured_counts;
-        if coarse > 0 {
-            let told = format!(
-                "{coarse} of {count} triangles with a picture are larger than {COARSE_TEXELS} of its pixels: they show \
-                 the colours of their corners alone"
-            );
+        if let Some(told) = self.textured.warning() {
             warn(&mut stats, told);
         }
         SourceStats {

@@ -17,4 +17,4 @@ mod tests;
 mod texels;
 
 pub(super) use decode::read;
-pub(super) use texels::{Picture, PictureFault, Wrap};
+pub(super) use texels::{CoarseCount, Picture, PictureFault, Wrap};

@@ -7,6 +7,8 @@ use crate::import::ImportOptions;
 use crate::import::vertices::VertexCache;
 use crate::srgb;
 
+/// Texels beyond which a triangle is told of: it has a colour at its corners alone.
+const COARSE_TEXELS: f64 = 64.0;
 /// Longest side that is kept.
 const TEXELS_MAX: u32 = 1024;
 
@@ -81,6 +83,35 @@ impl Picture {
             }
         }
         Ok(colour)
+    }
+}
+
+/// Triangles with a picture, and those of them that are larger than [`COARSE_TEXELS`].
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::import) struct CoarseCount {
+    all: u64,
+    coarse: u64,
+}
+
+impl CoarseCount {
+    /// Counts a triangle with these corners in a picture of so many pixels.
+    pub(in crate::import) fn add(&mut self, corners: [[f64; 2]; 3], size: [u32; 2]) {
+        let [a, b, c] = corners;
+        let [ab, ac] = [b, c].map(|to| [to[0] - a[0], to[1] - a[1]]);
+        let share = (ab[0] * ac[1] - ab[1] * ac[0]).abs() / 2.0;
+        self.all += 1;
+        self.coarse += u64::from(share * f64::from(size[0]) * f64::from(size[1]) > COARSE_TEXELS);
+    }
+
+    /// What is to be told of the large ones, where there are some.
+    pub(in crate::import) fn warning(&self) -> Option<String> {
+        let CoarseCount { all, coarse } = self;
+        (*coarse > 0).then(|| {
+            format!(
+                "{coarse} of {all} triangles with a picture are larger than {COARSE_TEXELS} of its pixels: they show \
+                 the colours of their corners alone"
+            )
+        })
     }
 }
 

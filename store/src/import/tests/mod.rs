@@ -6,6 +6,7 @@ mod hostile;
 mod models;
 mod normals;
 mod obj;
+mod obj_pictures;
 mod ply;
 mod stl;
 mod volume;
