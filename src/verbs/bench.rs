@@ -192,7 +192,8 @@ impl fmt::Display for IoBenchReport {
             let stage = match way.stage {
                 ReadStage::Raw => "raw",
                 ReadStage::Hashed => "hashed",
-                ReadStage::Ready => "ready to trace",
+                ReadStage::Traceable => "traceable, clusters packed",
+                ReadStage::Ready => "ready, all clusters unpacked",
                 ReadStage::Waited => "waited for",
                 ReadStage::WaitedBusy => "waited for beside a full queue",
             };

@@ -22,7 +22,7 @@ pub struct PageIoFigures {
     pub thread_count: usize,
     /// Measured rounds.
     pub round_count: usize,
-    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `ready`,
+    /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `traceable`, `ready`,
     /// `waited`, `waited_busy` or `fio`, and the depth.
     pub ways: BTreeMap<String, WayFigures>,
 }
@@ -35,7 +35,9 @@ pub enum ReadStage {
     Raw,
     /// And their hash is right.
     Hashed,
-    /// And they stand in frames of a pool.
+    /// And they stand in frames of a pool, their clusters packed.
+    Traceable,
+    /// And all of their clusters are unpacked, by as many threads as decode.
     Ready,
     /// One after the other: each is waited for.
     Waited,

@@ -1,11 +1,12 @@
-//! Workload `io`: pages of a file at random, cold, through each backend: as they are, hashed, and ready to trace.
+//! Workload `io`: pages of a file at random, cold, through each backend: as they are, hashed, traceable, and ready.
 //!
 //! ```text
-//! raw     backend -> bytes                           what the disk and the system give
-//! hashed  backend -> bytes -> hash                   and are believed
-//! ready   pool, loader, decoders -> hash -> frame    and can be traced
-//! waited  ready, one after the other; busy: while more pages are asked for ahead than the pool queues
-//! fio     the same extents, in the same order        somebody else's reads, aligned to 4096 bytes
+//! raw        backend -> bytes                           what the disk and the system give
+//! hashed     backend -> bytes -> hash                   and are believed
+//! traceable  pool, loader, decoders -> hash -> frame    and rays may come: they unpack the clusters that they meet
+//! ready      traceable -> all clusters unpacked         and none is left to unpack
+//! waited     traceable, one after the other; busy: while more pages are asked for ahead than the pool queues
+//! fio        the same extents, in the same order        somebody else's reads, aligned to 4096 bytes
 //! ```
 //!
 //! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
@@ -14,6 +15,7 @@
 mod demand;
 mod figures;
 mod fio;
+mod unpack;
 
 pub use figures::{LatencyFigures, PageIoFigures, ReadStage, WayFigures};
 
@@ -191,10 +193,8 @@ impl Way {
         kinds.retain(|_| fio);
         kinds.extend(reads.map(|(io, direct)| Kind::Ours(ReadStage::Raw, io, direct)));
         kinds.push(Kind::Ours(ReadStage::Hashed, IoChoice::Auto, Auto));
-        kinds.push(Kind::Ours(ReadStage::Ready, IoChoice::Auto, Auto));
-        kinds.extend(
-            [ReadStage::Waited, ReadStage::WaitedBusy].map(|stage| Kind::Ours(stage, IoChoice::Auto, Auto)),
-        );
+        let of_pool = [ReadStage::Traceable, ReadStage::Ready, ReadStage::Waited, ReadStage::WaitedBusy];
+        kinds.extend(of_pool.map(|stage| Kind::Ours(stage, IoChoice::Auto, Auto)));
         let way = |kind| Way {
             kind,
             depth,
@@ -211,6 +211,7 @@ impl Way {
         let name = match self.kind {
             Kind::Fio => "fio",
             Kind::Ours(ReadStage::Hashed, ..) => "hashed",
+            Kind::Ours(ReadStage::Traceable, ..) => "traceable",
             Kind::Ours(ReadStage::Ready, ..) => "ready",
             Kind::Ours(ReadStage::Waited, ..) => "waited",
             Kind::Ours(ReadStage::WaitedBusy, ..) => "waited_busy",
@@ -228,10 +229,13 @@ impl Way {
         let all = pages.order.len();
         let (count, (wall, cpu)) = match self.kind {
             Kind::Fio => (all, fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder)?),
-            Kind::Ours(ReadStage::Ready, io, direct) => {
+            Kind::Ours(stage @ (ReadStage::Traceable | ReadStage::Ready), io, direct) => {
                 let pool = self.pool(pages, (io, direct), u64::MAX, around)?;
                 let clock = Clock::start();
-                pool.fetch_blocking(&pages.order)?;
+                match stage {
+                    ReadStage::Traceable => pool.fetch_blocking(&pages.order)?,
+                    _ => unpack::all(&pool, &pages.order, around.threads)?,
+                }
                 (all, clock.spent())
             }
             Kind::Ours(stage @ (ReadStage::Waited | ReadStage::WaitedBusy), io, direct) => {
@@ -355,9 +359,13 @@ mod tests {
         let model = Model::open("gen:isosurface:60k", &around).unwrap();
         let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false };
         let figures = run(&model, &options, &around).unwrap();
-        assert_eq!(figures.ways.len(), 16);
+        assert_eq!(figures.ways.len(), 18);
         for (name, way) in &figures.ways {
-            assert_eq!(way.latency_us.is_none(), name.starts_with("ready"), "{name}");
+            assert_eq!(
+                way.latency_us.is_none(),
+                ["ready", "traceable"].iter().any(|way| name.starts_with(way)),
+                "{name}"
+            );
             assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
             // The longest of all, told in whole microseconds, is no shorter than the mean.
             let waits = way.latency_us.map_or(f64::INFINITY, |latency| latency.max as f64);

@@ -45,12 +45,20 @@ impl PagePool {
         }
     }
 
-    /// Sees to it that each of `pages` has been in a frame once, in this order, and so was checked and decoded. They
-    /// need not fit at once.
+    /// Sees to it that each of `pages` has been in a frame once, in this order, and so was checked. They need not fit
+    /// at once.
     ///
     /// # Errors
     /// The first error of [`PagePool::pin_blocking`], after all pages were tried.
     pub fn fetch_blocking(&self, pages: &[u32]) -> Result<()> {
+        self.visit_blocking(pages, &mut |_| {})
+    }
+
+    /// [`PagePool::fetch_blocking`], and hands each page to `visit` when it is there.
+    ///
+    /// # Errors
+    /// The first error of [`PagePool::pin_blocking`], after all pages were tried.
+    pub fn visit_blocking(&self, pages: &[u32], visit: &mut dyn FnMut(Pin<'_>)) -> Result<()> {
         let frames = lock(&self.shared.clock).live();
         let window = FETCH_WINDOW.min(frames / 2).max(1);
         let mut first_error = Ok(());
@@ -61,7 +69,7 @@ impl PagePool {
             for &page in pages.get(ahead).unwrap_or_default() {
                 self.hold(page);
             }
-            first_error = first_error.and(self.pin_blocking(page).map(drop));
+            first_error = first_error.and(self.pin_blocking(page).map(&mut *visit));
         }
         first_error
     }
