@@ -105,13 +105,13 @@ impl MaterialPictures {
         }
         if self.files.len() >= MAX_PICTURES {
             let told = format!("more than {MAX_PICTURES} pictures: the rest is not read");
-            return Ok((None, (self.files.len() == MAX_PICTURES).then_some(told)));
+            return Ok((None, Some(told)));
         }
         self.lease.grow(LEASED, PICTURE_BYTES + 2 * path.as_os_str().len() as u64)?;
         let stamp = stamp(path);
         let read = match open(path) {
             Ok(file) => {
-                // Half of what vertex caches have, and each picture less of it the more there are.
+                // Of what a vertex cache has, a quarter for the first, and less for each the more there are.
                 let vertex_cache_bytes = self.options.vertex_cache_bytes / 4 / (self.files.len() as u64 + 1);
                 let options = ImportOptions { vertex_cache_bytes, ..self.options.clone() };
                 picture::read(BufReader::new(file), &options)
