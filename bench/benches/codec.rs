@@ -14,7 +14,7 @@ use trex_bench::model::Model;
 use trex_store::build::Voxels;
 use trex_store::cluster::{FrameRef, FrameView, PageContent, PageRef, install};
 use trex_store::layout::FRAME_BYTES;
-use trex_store::pool::PageStore;
+use trex_store::pool::{FrameRoom, PageStore};
 use trex_store::{Budget, PageFile};
 
 /// A surface, a scan, and a model of small parts with several materials; more pages than the caches hold.
@@ -103,9 +103,9 @@ fn codec(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("arrival", model), |bencher| {
             bencher.iter(|| {
                 for (page, stored) in pages.stored.iter().enumerate() {
-                    let stored = black_box(stored);
+                    let (stored, mut room) = (black_box(stored), FrameRoom::from(&mut frame[..]));
                     let result =
-                        PageStore::install(&pages.file, page as u32, stored, &mut frame, &mut scratch);
+                        PageStore::install(&pages.file, page as u32, stored, &mut room, &mut scratch);
                     result.expect("a sound page");
                 }
             });

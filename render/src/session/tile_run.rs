@@ -80,12 +80,12 @@ impl TileRun {
         self.pass = None;
     }
 
-    /// True when the pages asked for since the event approach the frames there are.
+    /// True when the pages asked for since the event approach those that find room.
     pub(super) fn is_scarce<T: PagedTracer>(&mut self, tracers: &[T]) -> bool {
         self.demand.fill(0);
-        let frames = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
+        let room = tracers.iter().map(|tracer| tracer.demand(&mut self.demand)).max().unwrap_or(0);
         let pages: u32 = self.demand.iter().map(|bits| bits.count_ones()).sum();
-        frames > 0 && f64::from(pages) > DEMAND_MOST * frames as f64
+        room > 0 && f64::from(pages) > DEMAND_MOST * room as f64
     }
 
     /// Takes tiles until a block is done, the picture becomes complete, or the time of the frame is over.

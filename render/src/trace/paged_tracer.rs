@@ -34,8 +34,8 @@ pub trait PagedTracer: Tracer {
     /// Sleeps until something has arrived, or for `longest`.
     fn wait(&mut self, longest: Duration);
 
-    /// Adds the pages asked for since [`PagedTracer::forget_demand`] to `pages`, a bit each; gives the count of frames,
-    /// 0 where all pages have one.
+    /// Adds the pages asked for since [`PagedTracer::forget_demand`] to `pages`, a bit each; gives how many find room
+    /// together, 0 where all do.
     fn demand(&self, _pages: &mut Vec<u64>) -> usize {
         0
     }

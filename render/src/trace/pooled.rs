@@ -124,8 +124,8 @@ impl PooledPages {
         for (sum, used) in pages.iter_mut().zip(&self.used) {
             *sum |= used.get();
         }
-        let frames = self.pool.frames().frames;
-        if frames < self.pool.page_count() as usize { frames } else { 0 }
+        let room = self.pool.room();
+        if room < self.pool.page_count() as usize { room } else { 0 }
     }
 }
 

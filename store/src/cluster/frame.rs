@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! frame  = root_count u16 | node_count u16 | cluster_count u16 | triangle_count u16 | end of the heap u32 | lock u32
-//!        | begin of the packed page u32 | lattice bits u32 | 8 zeros
+//!        | begin of the packed page u32 | lattice bits u32 | room for the heap u32 | 4 zeros
 //!        | roots u32 (FrameRef) | nodes, 144 bytes each | notes, a cluster each | heap -> ... <- packed page
 //! note   = begin in the packed page u16 | triangles before it u16 | where the word that leads to it stands, / 4, u16
 //! heap   = clusters in the order in which they were unpacked, 8 zeros behind each
@@ -19,6 +19,7 @@
 //! it is released, and never again; 4. what is lent of a frame as bytes does not change while it is borrowed.
 #![allow(unsafe_code)]
 
+use super::frame_ref::FrameRef;
 use super::node::{FrameNode, Node};
 use super::view::ClusterView;
 use super::{CLUSTER_HEAD_BYTES, FRAME_TAIL_BYTES};
@@ -39,51 +40,7 @@ const HEAP_END_AT: usize = 8;
 const LOCK_AT: usize = 12;
 const PACKED_AT: usize = 16;
 const LATTICE_BITS_AT: usize = 20;
-
-/// Where a node's child stands in the same frame: a byte offset and whether it is a cluster; of a cluster that is
-/// packed its number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRef(pub u32);
-
-impl FrameRef {
-    const CLUSTER_FLAG: u32 = 1 << 31;
-    const PACKED_FLAG: u32 = 1 << 30;
-    /// A cluster that could not be unpacked: rays go on as if it were empty.
-    pub(super) const LOST: FrameRef = FrameRef(u32::MAX);
-
-    /// A node at this byte offset.
-    pub fn node(offset: usize) -> FrameRef {
-        FrameRef(offset as u32)
-    }
-
-    /// A cluster at this byte offset.
-    pub fn cluster(offset: usize) -> FrameRef {
-        FrameRef(offset as u32 | FrameRef::CLUSTER_FLAG)
-    }
-
-    /// A cluster of this number, which is packed.
-    pub(super) fn packed(index: usize) -> FrameRef {
-        FrameRef(index as u32 | FrameRef::CLUSTER_FLAG | FrameRef::PACKED_FLAG)
-    }
-
-    /// True for a cluster.
-    #[inline(always)]
-    pub fn is_cluster(self) -> bool {
-        self.0 & FrameRef::CLUSTER_FLAG != 0
-    }
-
-    /// True for a cluster that is packed, or lost.
-    #[inline(always)]
-    pub fn is_packed(self) -> bool {
-        self.0 >> 30 == 3
-    }
-
-    /// The byte offset in the frame; of a cluster that is packed its number.
-    #[inline(always)]
-    pub fn offset(self) -> usize {
-        (self.0 & !(FrameRef::CLUSTER_FLAG | FrameRef::PACKED_FLAG)) as usize
-    }
-}
+const HEAP_ROOM_AT: usize = 24;
 
 /// Where the parts of a frame begin that follow from its counts.
 pub(super) struct FrameParts {
@@ -188,11 +145,20 @@ impl<'a> SharedFrame<'a> {
         self.word(LATTICE_BITS_AT).load(Ordering::Relaxed)
     }
 
-    /// Says where the heap and the packed page are to begin, of a frame that nobody else reads.
-    pub(super) fn begin(self, heap: usize, packed: usize, lattice_bits: u32) {
-        for (at, value) in
-            [(HEAP_END_AT, heap), (PACKED_AT, packed), (LATTICE_BITS_AT, lattice_bits as usize)]
-        {
+    /// How far the heap may go for now: there is memory for so much; changed by who holds the lock.
+    pub(super) fn heap_room(self) -> &'a AtomicU32 {
+        self.word(HEAP_ROOM_AT)
+    }
+
+    /// Says where the heap begins and how far it may go, and where the packed page begins, of a frame that nobody else
+    /// reads.
+    pub(super) fn begin(self, heap: Range<usize>, packed: usize, lattice_bits: u32) {
+        for (at, value) in [
+            (HEAP_END_AT, heap.start),
+            (HEAP_ROOM_AT, heap.end),
+            (PACKED_AT, packed),
+            (LATTICE_BITS_AT, lattice_bits as usize),
+        ] {
             self.word(at).store(value as u32, Ordering::Relaxed);
         }
     }

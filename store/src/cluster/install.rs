@@ -23,9 +23,11 @@
 
 use super::disk_page::DiskPage;
 use super::fields::Machine;
-use super::frame::{FRAME_HEADER_BYTES, FrameParts, FrameRef, NODE_WORDS_AT, NOTE_BYTES, SharedFrame};
+use super::frame::{FRAME_HEADER_BYTES, FrameParts, NODE_WORDS_AT, NOTE_BYTES, SharedFrame};
+use super::frame_ref::FrameRef;
 use super::unpack::Unpacker;
 use super::{LatticeBox, Node};
+use crate::io::ALIGN_BYTES;
 use crate::layout::{FRAME_BYTES, NODE_WIDTH, TREE_DEPTH, node_shift};
 
 /// Decodes the disk form `packed` of a page into `frame`; `lattice_bits` are the superblock's, at most 40. Says in
@@ -41,34 +43,57 @@ pub(super) fn install_on(
     lattice_bits: u32,
     frame: &mut [u8],
 ) -> Result<(), &'static str> {
-    prepare(&DiskPage::read(packed)?, lattice_bits, FRAME_BYTES, frame)?;
+    prepare(&DiskPage::read(packed)?, lattice_bits, [FRAME_BYTES; 2], frame)?;
     Unpacker::new(machine, SharedFrame::new(frame), packed, usize::MAX)?.unpack_rest()
 }
 
-/// [`install`] of all but the clusters, which are unpacked on demand: a page of a model with so many materials. One
-/// that has no room for both forms is unpacked at once.
-pub(crate) fn install_packed(
-    packed: &[u8],
-    (lattice_bits, material_count): (u32, usize),
-    frame: &mut [u8],
-) -> Result<(), &'static str> {
-    let page = DiskPage::read(packed)?;
-    let parts = FrameParts::new(page.root_count, page.node_kinds.len(), page.cluster_count);
-    let packed_at = FRAME_BYTES.saturating_sub(packed.len());
-    if parts.heap <= packed_at {
-        prepare(&page, lattice_bits, packed_at, frame)?;
-        frame[packed_at..].copy_from_slice(packed);
-        return Ok(());
-    }
-    prepare(&page, lattice_bits, FRAME_BYTES, frame)?;
-    Unpacker::new(Machine::best(), SharedFrame::new(frame), packed, material_count)?.unpack_rest()
+/// A page to be installed without its clusters, which are unpacked on demand. One that has no room for both forms is
+/// unpacked at once.
+pub(crate) struct ArrivingPage<'a> {
+    page: DiskPage<'a>,
+    /// Where the heap is to begin.
+    heap: usize,
 }
 
-/// Writes all of a frame but clusters, of a page of which the packed form begins at `packed_at`.
+impl<'a> ArrivingPage<'a> {
+    /// The disk form `packed` of a page.
+    pub(crate) fn read(packed: &'a [u8]) -> Result<ArrivingPage<'a>, &'static str> {
+        let page = DiskPage::read(packed)?;
+        let heap = FrameParts::new(page.root_count, page.node_kinds.len(), page.cluster_count).heap;
+        Ok(ArrivingPage { page, heap })
+    }
+
+    /// Bytes that it takes at the begin of a frame, and at its end.
+    pub(crate) fn ends(&self) -> [usize; 2] {
+        let packed = self.page.bytes.len();
+        if self.heap + packed <= FRAME_BYTES { [self.heap, packed] } else { [FRAME_BYTES, 0] }
+    }
+
+    /// Writes it to the ends of `frame`: a page of a model with so many materials.
+    pub(crate) fn install(
+        &self,
+        (lattice_bits, material_count): (u32, usize),
+        frame: &mut [u8],
+    ) -> Result<(), &'static str> {
+        let [head_bytes, packed_bytes] = self.ends();
+        let packed_at = FRAME_BYTES - packed_bytes;
+        let heap_room = head_bytes.next_multiple_of(ALIGN_BYTES);
+        prepare(&self.page, lattice_bits, [heap_room, packed_at], frame)?;
+        if packed_bytes > 0 {
+            frame[packed_at..].copy_from_slice(self.page.bytes);
+            return Ok(());
+        }
+        let packed = self.page.bytes;
+        Unpacker::new(Machine::best(), SharedFrame::new(frame), packed, material_count)?.unpack_rest()
+    }
+}
+
+/// Writes all of a frame but clusters, of a page for whose heap there is memory so far, and of which the packed form
+/// begins there.
 fn prepare(
     page: &DiskPage<'_>,
     lattice_bits: u32,
-    packed_at: usize,
+    [heap_room, packed_at]: [usize; 2],
     frame: &mut [u8],
 ) -> Result<(), &'static str> {
     assert_eq!(frame.len(), FRAME_BYTES);
@@ -114,7 +139,7 @@ fn prepare(
         frame[2 * slot..2 * slot + 2].copy_from_slice(&(count as u16).to_le_bytes());
     }
     let shared = SharedFrame::new(frame);
-    shared.begin(parts.heap, packed_at, lattice_bits);
+    shared.begin(parts.heap..heap_room, packed_at, lattice_bits);
     Ok(())
 }
 

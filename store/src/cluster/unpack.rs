@@ -14,10 +14,12 @@ use super::FRAME_TAIL_BYTES;
 use super::bits::{Window, window};
 use super::disk_page::DiskPage;
 use super::fields::Machine;
-use super::frame::{FrameRef, SharedFrame};
+use super::frame::SharedFrame;
+use super::frame_ref::FrameRef;
 use super::install_cluster::ClusterInstaller;
 use super::install_leaves::ROOM_BYTES;
 use super::view::ClusterView;
+use crate::io::ALIGN_BYTES;
 use crate::layout::FRAME_BYTES;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -79,27 +81,66 @@ pub(crate) fn make_once<W: AtomicWord, T>(
     (!is_made(word.load_acquire())).then(make)
 }
 
-/// Unpacks cluster `index` of the page in `frame`, unless it is there: a page of a model with so many materials. Says
-/// in words what is wrong with a damaged one, which is lost then.
+/// Why a cluster was not unpacked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum UnpackError {
+    /// It is damaged, as is said in words, and lost from now on.
+    Damaged(&'static str),
+    /// There is no memory for it now.
+    NoRoom,
+}
+
+impl From<&'static str> for UnpackError {
+    fn from(what: &'static str) -> UnpackError {
+        UnpackError::Damaged(what)
+    }
+}
+
+/// Takes memory for so many bytes at the begin of a frame. False when there is none.
+type Grow<'a> = &'a dyn Fn(usize) -> bool;
+
+/// Unpacks cluster `index` of the page in `frame`, unless it is there: a page of a model with so many materials.
 pub(crate) fn unpack(
     frame: SharedFrame<'_>,
     index: usize,
     material_count: usize,
-) -> Result<(), &'static str> {
+    grow: Grow<'_>,
+) -> Result<(), UnpackError> {
     let is_made = |word: u32| word == FrameRef::LOST.0 || !FrameRef(word).is_packed();
     let made = make_once((frame.lock_word(), frame.cluster_word(index)), is_made, || {
         // SAFETY: the lock is held; the borrow ends before the heap comes there.
         let packed = unsafe { frame.packed() };
         let mut unpacker = Unpacker::new(Machine::best(), frame, packed, material_count)?;
-        if unpacker.unpack(index)? {
+        let bytes = unpacker.decode(index)?;
+        let [heap_end, packed_at] =
+            [frame.heap_end(), frame.packed_at()].map(|at| at.load(Ordering::Relaxed));
+        let end = heap_end as usize + bytes;
+        if end <= packed_at as usize {
+            grow_to(frame, end, grow)?;
+            unpacker.place(index, bytes);
             return Ok(());
         }
         // No room beside the packed page. What is left of it is unpacked from a copy.
+        grow_to(frame, packed_at as usize, grow)?;
         let packed = packed.to_vec();
         frame.packed_at().store(FRAME_BYTES as u32, Ordering::Relaxed);
-        Unpacker::new(Machine::best(), frame, &packed, material_count)?.unpack_rest()
+        frame.heap_room().store(FRAME_BYTES as u32, Ordering::Relaxed);
+        Ok(Unpacker::new(Machine::best(), frame, &packed, material_count)?.unpack_rest()?)
     });
     made.unwrap_or(Ok(()))
+}
+
+/// Sees to it that there is memory for the heap up to `end`, which is not behind the packed page. The lock is held.
+fn grow_to(frame: SharedFrame<'_>, end: usize, grow: Grow<'_>) -> Result<(), UnpackError> {
+    if end > frame.heap_room().load(Ordering::Relaxed) as usize {
+        // Where the packed page begins there is memory already.
+        let packed_from = frame.packed_at().load(Ordering::Relaxed) as usize / ALIGN_BYTES * ALIGN_BYTES;
+        if !grow(end.min(packed_from)) {
+            return Err(UnpackError::NoRoom);
+        }
+        frame.heap_room().store(end.next_multiple_of(ALIGN_BYTES) as u32, Ordering::Relaxed);
+    }
+    Ok(())
 }
 
 /// Who holds the lock of a frame, or has it alone.
@@ -128,36 +169,43 @@ impl<'a> Unpacker<'a> {
         let mut all = Ok(());
         for index in 0..self.page.cluster_count {
             if FrameRef(self.frame.cluster_word(index).load(Ordering::Relaxed)).is_packed() {
-                let one = self
-                    .unpack(index)
-                    .and_then(|fits| fits.then_some(()).ok_or("a page does not fit its frame"));
-                if one.is_err() {
-                    self.frame.cluster_word(index).store(FrameRef::LOST.0, Ordering::Release);
-                }
-                all = all.and(one);
+                all = all.and(self.unpack(index));
             }
         }
         all
     }
 
-    /// Unpacks a cluster. False when there is no room for it.
-    fn unpack(&mut self, index: usize) -> Result<bool, &'static str> {
-        let word = self.frame.cluster_word(index);
-        let bytes = self.decode(index).inspect_err(|_| word.store(FrameRef::LOST.0, Ordering::Release))?;
-        let bytes = bytes + FRAME_TAIL_BYTES;
-        let at = self.frame.heap_end().load(Ordering::Relaxed) as usize;
-        if at + bytes > self.frame.packed_at().load(Ordering::Relaxed) as usize {
-            return Ok(false);
+    /// Unpacks a cluster of a page of which nothing packed is left in the frame.
+    fn unpack(&mut self, index: usize) -> Result<(), &'static str> {
+        let bytes = self.decode(index)?;
+        if self.frame.heap_end().load(Ordering::Relaxed) as usize + bytes > FRAME_BYTES {
+            self.lose(index);
+            return Err("a page does not fit its frame");
         }
+        self.place(index, bytes);
+        Ok(())
+    }
+
+    /// Puts a cluster that was decoded on the heap, where there is room for it.
+    fn place(&mut self, index: usize, bytes: usize) {
+        let at = self.frame.heap_end().load(Ordering::Relaxed) as usize;
         // SAFETY: what lies between the heap and the packed page is the caller's.
         unsafe { self.frame.write(at, &self.room[..bytes]) };
         self.frame.heap_end().store((at + bytes) as u32, Ordering::Relaxed);
-        word.store(FrameRef::cluster(at).0, Ordering::Release);
-        Ok(true)
+        self.frame.cluster_word(index).store(FrameRef::cluster(at).0, Ordering::Release);
     }
 
-    /// Decodes a cluster to `room`. Gives its bytes there.
+    fn lose(&self, index: usize) {
+        self.frame.cluster_word(index).store(FrameRef::LOST.0, Ordering::Release);
+    }
+
+    /// Decodes a cluster to `room`. Gives the bytes that it takes in the frame; one that is damaged is lost.
     fn decode(&mut self, index: usize) -> Result<usize, &'static str> {
+        let bytes = self.decode_entry(index).inspect_err(|_| self.lose(index))?;
+        Ok(bytes + FRAME_TAIL_BYTES)
+    }
+
+    fn decode_entry(&mut self, index: usize) -> Result<usize, &'static str> {
         let entry = self.page.entry(index, self.frame.lattice_bits())?;
         let [packed_at, first_triangle, _] = self.frame.note(index);
         let mut tail = [0; size_of::<Window>()];

@@ -229,11 +229,11 @@ fn take_number<V: CornerValue>(input: &mut BitStream<'_>, parameter: u32) -> u16
 
 const UNSOUND: &str = "a page of colours or normals is not what its counts say";
 
-/// Decodes the disk form of a page of values into `frame`.
+/// Decodes the disk form of a page of values into `frame`. Gives how many bytes it takes there.
 ///
 /// # Errors
 /// What is wrong, in words; the frame's content is then not specified.
-pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> Result<(), &'static str> {
+pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
     let mut input = BitStream::new(bytes);
     let (mut triangle, cluster_count) = (0, input.take(16) as usize);
     let mut at = FRAME_HEAD_BYTES + CLUSTER_HEAD_BYTES * cluster_count;
@@ -275,7 +275,7 @@ pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> 
         head[4..].copy_from_slice(&(offset as u32).to_le_bytes());
         triangle += triangle_count;
     }
-    if input.is_whole() { Ok(()) } else { Err(UNSOUND) }
+    if input.is_whole() { Ok(at) } else { Err(UNSOUND) }
 }
 
 fn take_values<V: CornerValue>(input: &mut BitStream<'_>, values: &mut [[u8; VALUE_BYTES]]) {

@@ -4,15 +4,18 @@
 
 use super::{PageFile, twice};
 use crate::cluster::{
-    Colour, FrameView, Normal, SharedFrame, install, install_packed, install_values, unpack,
+    ArrivingPage, Colour, FrameView, Normal, SharedFrame, UnpackError, install, install_values, unpack,
 };
 use crate::error::{Code, Error, Result};
 use crate::io::{Backend, Extent, IoOptions};
 use crate::layout::{FRAME_BYTES, Packing, PageKind, page_hash};
 use crate::next_step::NextStep;
 use crate::octree::{UnitsContext, install_units};
-use crate::pool::PageStore;
+use crate::pool::{FrameRoom, PageStore};
 use std::path::Path;
+
+/// About how many bytes nodes and notes of a page take in a frame, and what is left over of a block.
+const HEAD_BYTES: usize = 6 << 10;
 
 impl PageFile {
     /// Checks the stored bytes of `page` and decodes all of them into `frame` (64 KiB). `scratch` is reused memory.
@@ -20,7 +23,7 @@ impl PageFile {
     /// # Errors
     /// [`Code::Damaged`] with the page's place; the frame's content is then not specified.
     pub fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
-        self.install_form(page, (stored, false), frame, scratch)
+        self.install_form(page, (stored, false), &mut FrameRoom::from(frame), scratch)
     }
 
     /// [`PageFile::install`], or all but the clusters of a page of the mesh, where it `is_packed`.
@@ -28,7 +31,7 @@ impl PageFile {
         &self,
         page: u32,
         (stored, is_packed): (&[u8], bool),
-        frame: &mut [u8],
+        room: &mut FrameRoom<'_>,
         scratch: &mut Vec<u8>,
     ) -> Result<()> {
         self.check_hash(page, stored)?;
@@ -49,22 +52,30 @@ impl PageFile {
         if entry.kind == PageKind::Units {
             let is_units = &|page| self.has_units(page);
             let context = UnitsContext { material_count: self.materials.len(), is_units };
-            return install_units(raw, &context, frame).map_err(|what| self.damaged_page(page, what));
+            return install_units(raw, &context, room.whole()?).map_err(|what| self.damaged_page(page, what));
         }
         let installed = match entry.kind {
-            PageKind::Colours => Some(install_values::<Colour>(raw, frame)),
-            PageKind::Normals => Some(install_values::<Normal>(raw, frame)),
+            PageKind::Colours => Some(install_values::<Colour>(raw, room.whole()?)),
+            PageKind::Normals => Some(install_values::<Normal>(raw, room.whole()?)),
             PageKind::Mesh | PageKind::Units => None,
         };
         if let Some(installed) = installed {
-            return installed.map_err(|what| self.damaged_page(page, what));
+            let used_bytes = installed.map_err(|what| self.damaged_page(page, what))?;
+            return room.ends(used_bytes, 0).map(drop);
         }
         let (lattice_bits, material_count) = (self.block.lattice_bits, self.materials.len());
-        let installed = match is_packed {
-            true => install_packed(raw, (lattice_bits, material_count), frame),
-            false => install(raw, lattice_bits, frame),
+        let damaged = |what| self.damaged_page(page, what);
+        let frame = if is_packed {
+            let arriving = ArrivingPage::read(raw).map_err(damaged)?;
+            let [head, tail] = arriving.ends();
+            let frame = room.ends(head, tail)?;
+            arriving.install((lattice_bits, material_count), frame).map_err(damaged)?;
+            frame
+        } else {
+            let frame = room.whole()?;
+            install(raw, lattice_bits, frame).map_err(damaged)?;
+            frame
         };
-        installed.map_err(|what| self.damaged_page(page, what))?;
         let view = FrameView::new(&*frame);
         let sound = view.root_count() >= usize::from(self.root_counts[page as usize])
             && view.triangle_count() == entry.triangle_count as usize
@@ -137,16 +148,44 @@ impl PageStore for PageFile {
         Extent { offset: entry.offset, stored_bytes: entry.stored_bytes }
     }
 
-    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+    fn install(
+        &self,
+        page: u32,
+        stored: &[u8],
+        frame: &mut FrameRoom<'_>,
+        scratch: &mut Vec<u8>,
+    ) -> Result<()> {
         self.install_form(page, (stored, true), frame, scratch)
+    }
+
+    fn expected_bytes(&self, page: u32) -> usize {
+        let entry = &self.pages[page as usize];
+        match entry.kind {
+            PageKind::Mesh => (entry.unpacked_bytes as usize + HEAD_BYTES).min(FRAME_BYTES),
+            _ => FRAME_BYTES,
+        }
     }
 
     fn is_unpacked_later(&self, page: u32) -> bool {
         self.has_mesh(page)
     }
 
-    fn unpack(&self, page: u32, frame: SharedFrame<'_>, cluster: usize) -> Result<()> {
-        unpack(frame, cluster, self.materials.len()).map_err(|what| self.damaged_page(page, what))
+    fn unpack(
+        &self,
+        page: u32,
+        frame: SharedFrame<'_>,
+        cluster: usize,
+        grow: &dyn Fn(usize) -> bool,
+    ) -> Result<()> {
+        unpack(frame, cluster, self.materials.len(), grow).map_err(|error| match error {
+            UnpackError::Damaged(what) => self.damaged_page(page, what),
+            UnpackError::NoRoom => {
+                Error::new(Code::MemoryLimit, "no room for a cluster beside what is in use")
+                    .at_byte(&self.path, self.pages[page as usize].offset)
+                    .numbers(format!("page {page}, cluster {cluster}"))
+                    .next(NextStep::RaiseLimitOrCheckDevice)
+            }
+        })
     }
 
     fn read_again(&self, page: u32, stored: &mut [u8]) -> Result<bool> {

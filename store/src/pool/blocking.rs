@@ -1,10 +1,13 @@
-//! Pins that are waited for: for simple callers, and for those who have nothing else to do.
+//! Pins that are waited for, for simple callers, and for those who have nothing else to do; and memory for pages that
+//! are pinned.
 //!
 //! Invariant: a blocking call ends: with a page, with the page's error, with the pool's, or after [`STALL_MAX`] in
 //! which nothing came.
 
+use super::frame_room::BLOCK_BYTES;
 use super::page_pool::PagePool;
 use super::pin::Pin;
+use super::shared::PoolState;
 use super::signal::lock;
 use super::word::PageState;
 use crate::error::{Code, Error, Result};
@@ -94,5 +97,21 @@ impl PagePool {
             .at_place(format!("page {page}"))
             .numbers(format!("{:?}, saturated: {}", self.frames(), self.is_saturated()))
             .next(NextStep::RaiseLimitOrCheckDevice)
+    }
+}
+
+impl PoolState {
+    /// Takes memory for so many bytes at the begin of the frame of a pinned page, which may wait for pages that are
+    /// being read. False when there is none for so long that there will be none.
+    pub(super) fn grow(&self, page: u32, head_bytes: usize) -> bool {
+        let (frame, head) = (self.words[page as usize].view().frame, head_bytes.div_ceil(BLOCK_BYTES) as u32);
+        let (mut epoch, begin) = (self.progress.epoch(), Instant::now());
+        while !lock(&self.clock).grow(frame, head, &self.words, &self.arena) {
+            if begin.elapsed() > STALL_MAX || self.failure.get().is_some() {
+                return false;
+            }
+            epoch = self.progress.wait(epoch, Duration::from_millis(1));
+        }
+        true
     }
 }

@@ -8,6 +8,7 @@
 //! under a pin (see `word.rs`, invariants 2 and 3); clusters are unpacked into it under a pin (`cluster::frame`).
 #![allow(unsafe_code)]
 
+use super::frame_room::{BLOCK_BYTES, FrameBlocks};
 use crate::cluster::SharedFrame;
 use crate::error::Result;
 use crate::io::Region;
@@ -28,6 +29,12 @@ impl FrameArena {
     /// Bytes of one frame.
     pub(super) fn frame_bytes(&self) -> usize {
         self.frame_bytes
+    }
+
+    /// Where the first frame begins.
+    #[cfg(test)]
+    pub(super) fn begin(&self) -> usize {
+        self.region.at(0).addr().get()
     }
 
     /// The memory of a frame, into which clusters may be unpacked.
@@ -65,6 +72,21 @@ impl FrameArena {
         let start = self.region.at(frame as usize * self.frame_bytes);
         // SAFETY: as above; by the contract nobody else has a reference into the frame.
         unsafe { std::slice::from_raw_parts_mut(start.as_ptr(), self.frame_bytes) }
+    }
+
+    /// Gives the memory of a frame that `had` it back to the kernel, but for what it `needs`.
+    ///
+    /// # Safety
+    /// The page that owns the frame is READING, and the caller alone loads it.
+    pub(super) unsafe fn release_middle(&self, frame: u32, had: FrameBlocks, needs: FrameBlocks) {
+        let all = (self.frame_bytes / BLOCK_BYTES) as u32;
+        let middle = needs.head..all - needs.tail;
+        if had.head > middle.start || all - had.tail < middle.end {
+            let [at, bytes] =
+                [middle.start, middle.end - middle.start].map(|blocks| blocks as usize * BLOCK_BYTES);
+            // SAFETY: nobody reads the frame, and its writer says that this part is not needed.
+            unsafe { self.region.release(frame as usize * self.frame_bytes + at, bytes) }
+        }
     }
 
     /// Gives the memory of a frame back to the kernel.

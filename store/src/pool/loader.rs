@@ -17,15 +17,17 @@
 //! 5. Of pages that nobody waits for at most [`AHEAD_MOST`] reads are under way or wait for a decoder, and a decoder
 //!    leaves them, page by page, for those that somebody waits for.
 //! 6. A failed read of several pages is repeated page by page: one bad sector costs one page.
-//! 7. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
+//! 7. A page that needs more of its frame than was expected, and finds no room, is read again when it is wanted again.
+//! 8. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
 #![allow(unsafe_code)]
 
+use super::frame_room::{BLOCK_BYTES, FrameBlocks, FrameRoom};
 use super::jobs::{PARTS_MAX, Part, Slot};
 use super::requests::Requests;
 use super::shared::PoolState;
 use super::signal::lock;
 use super::stats::count;
-use crate::error::{Code, Result};
+use crate::error::{Code, Error, Result};
 use crate::io::{Arrival, Extent, Reader, Wait};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -143,7 +145,7 @@ impl<'a> Loader<'a> {
         if weight == 0 && shared.ahead.load(Ordering::Acquire) >= AHEAD_MOST {
             return Fill::Nothing;
         }
-        let mut take = |page| clock.take(page, &shared.words, &shared.arena);
+        let mut take = |page| clock.take(page, shared.blocks_of(page), &shared.words, &shared.arena);
         let Some(frame) = shared.starved.try_twice(|| take(page)) else { return Fill::Starved };
         if weight == 0 {
             slot.is_ahead = true;
@@ -218,11 +220,15 @@ impl PoolState {
         slot.parts.push(part);
     }
 
-    /// READING to RESIDENT or DAMAGED, and the word goes round.
+    /// READING to RESIDENT or DAMAGED, or back to ABSENT where there was no room, and the word goes round.
     fn end(&self, part: Part, result: Result<()>) {
         let word = &self.words[part.page as usize];
         match result {
             Ok(()) => word.install(),
+            Err(error) if error.code() == Code::MemoryLimit => {
+                word.abandon();
+                lock(&self.clock).give_back(part.frame, &self.arena);
+            }
             Err(error) => {
                 word.damage();
                 lock(&self.clock).give_back(part.frame, &self.arena);
@@ -276,6 +282,8 @@ impl PoolState {
         let stored = &mut staging[at..at + extent.stored_bytes as usize];
         // SAFETY: the page is READING, and stands in this slot alone (invariant 3), which this thread owns.
         let frame = unsafe { self.arena.frame_mut(part.frame) };
+        let take = &mut |ends| self.settle(part, ends);
+        let frame = &mut FrameRoom::of_pool(frame, take);
         let first = self.store.install(part.page, stored, frame, scratch);
         if !first.as_ref().is_err_and(|error| error.code() == Code::Damaged) {
             return first;
@@ -285,6 +293,29 @@ impl PoolState {
             Ok(true) => self.store.install(part.page, stored, frame, scratch),
             _ => first,
         }
+    }
+
+    /// Blocks that `page` takes of a frame when it comes, as far as is known.
+    fn blocks_of(&self, page: u32) -> usize {
+        self.blocks[page as usize].load(Ordering::Relaxed).into()
+    }
+
+    /// Takes what a page needs of its frame, so many bytes at its begin and so many at its end.
+    fn settle(&self, part: Part, ends: [usize; 2]) -> Result<()> {
+        let frame_bytes = self.arena.frame_bytes();
+        let needed = FrameBlocks::of(ends, frame_bytes);
+        self.blocks[part.page as usize].store(needed.count() as u16, Ordering::Relaxed);
+        let had = lock(&self.clock).blocks(part.frame);
+        let blocks = needed.keeping(had, frame_bytes);
+        // SAFETY: as in `install`.
+        unsafe { self.arena.release_middle(part.frame, had, blocks) };
+        let has_room = lock(&self.clock).settle(part.frame, blocks, &self.words, &self.arena);
+        has_room.then_some(()).ok_or_else(|| {
+            Error::new(Code::MemoryLimit, "no room for a page among those in use")
+                .at_place(format!("page {}", part.page))
+                .numbers(format!("{} blocks of {BLOCK_BYTES} bytes", blocks.count()))
+                .next("ask again when others are let go")
+        })
     }
 }
 

@@ -219,11 +219,11 @@ fn loom_an_unpin_wakes_who_owes_frames() {
         let budget = Budget::new(u64::MAX);
         let words = [Word::absent(), Word::absent()];
         let arena = FrameArena::reserve(2, ALIGN_BYTES).unwrap();
-        let mut clock = Clock::new(2, budget.lease("frames", 0).unwrap());
+        let mut clock = Clock::new(2, ALIGN_BYTES, budget.lease("frames", 0).unwrap());
         clock.set_frames(2, &words, &arena).unwrap();
         for (page, word) in words.iter().enumerate() {
             word.enqueue().unwrap();
-            word.begin_read(clock.take(page as u32, &words, &arena).unwrap());
+            word.begin_read(clock.take(page as u32, 1, &words, &arena).unwrap());
             word.install();
         }
         words[0].try_pin().unwrap();

@@ -9,7 +9,7 @@
 //! | file | what |
 //! |---|---|
 //! | `word` | the state of a page, all transitions |
-//! | `frames`, `clock` | the memory of the frames; who owns them, who is evicted |
+//! | `frames`, `frame_room`, `clock` | the memory of the frames; who owns them, who is evicted |
 //! | `want`, `requests` | what is wanted, merged from all origins |
 //! | `loader`, `jobs` | wants to reads, arrivals to frames |
 //! | `page_pool`, `shared`, `options` | what callers hold, what the threads share, how it is set up |
@@ -17,7 +17,8 @@
 //! | `signal`, `stats`, `sync` | wake-ups, counters, atomics for the model checker |
 //!
 //! Invariants
-//! 1. Memory is leased from the budget before it is taken: tables and staging at open, frames by `set_limit`.
+//! 1. Memory is leased from the budget before it is taken: tables and staging at open, frames by `set_limit`; of
+//!    these it is counted by blocks of 4 KiB, so that a page takes what it uses of its frame.
 //! 2. `pin` takes no lock, makes no system call and allocates nothing. `unpin` neither, unless it is the last pin of a
 //!    page while the loader starves for frames; then it rings a bell.
 //! 3. A pinned page keeps its frame and its bytes. Nothing is read optimistically.
@@ -35,6 +36,7 @@
 mod blocking;
 mod clock;
 mod failure;
+mod frame_room;
 mod frames;
 mod jobs;
 mod loader;
@@ -53,6 +55,7 @@ mod tests;
 mod want;
 mod word;
 
+pub use frame_room::FrameRoom;
 pub use options::{DECODE_THREADS_MAX, FRAMES_MIN, PoolOptions};
 pub use page_pool::{FrameCount, PagePool};
 pub use pin::{Pin, PinToken};

@@ -10,6 +10,9 @@ use crate::io::{IoOptions, staging_bytes_for};
 /// Fewest frames that a pool works with: one for the page in use, one for the page that arrives.
 pub const FRAMES_MIN: usize = 2;
 
+/// Most pages that there are addresses for in place of one that takes all of its frame.
+const PAGES_PER_FRAME: u64 = 4;
+
 /// Most decode threads.
 pub const DECODE_THREADS_MAX: usize = 16;
 
@@ -49,7 +52,10 @@ impl Default for PoolOptions {
 
 /// The sizes that follow from a file and the options.
 pub(super) struct PoolPlan {
+    /// Frames that there are addresses for.
     pub(super) frames_max: usize,
+    /// Whole frames that there may ever be memory for.
+    pub(super) frames_most: usize,
     pub(super) slot_bytes: usize,
     pub(super) overhead_bytes: u64,
 }
@@ -86,13 +92,14 @@ impl PoolPlan {
             None => u64::from(pages),
         };
         let most = u64::from(pages).min(word::FRAMES_MAX as u64);
-        let frames_max = (wanted_max.min(most) as usize).max(FRAMES_MIN);
+        let at_most = |frames: u64| (frames.min(most) as usize).max(FRAMES_MIN);
+        let (frames_max, frames_most) = (at_most(wanted_max * PAGES_PER_FRAME), at_most(wanted_max));
         let overhead_bytes = (options.staging_slots * slot_bytes) as u64
-            + u64::from(pages) * size_of::<Word>() as u64
+            + u64::from(pages) * (size_of::<Word>() + size_of::<u16>()) as u64
             + frames_max as u64 * Clock::BYTES_PER_FRAME
             + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
             // What a decoder may keep as scratch.
             + (options.decode_threads * frame_bytes) as u64;
-        Ok(PoolPlan { frames_max, slot_bytes, overhead_bytes })
+        Ok(PoolPlan { frames_max, frames_most, slot_bytes, overhead_bytes })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::clock::Clock;
 use super::failure::Failure;
+use super::frame_room::BLOCK_BYTES;
 use super::frames::FrameArena;
 use super::jobs::{JobQueue, Slot};
 use super::loader::Loader;
@@ -20,7 +21,7 @@ use crate::layout::{FRAME_BYTES, STORED_BYTES};
 use crate::next_step::{NextStep, Setting};
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -38,7 +39,7 @@ pub struct FrameCount {
 /// ```
 /// use std::{path::Path, sync::Arc, time::Duration};
 /// use trex_store::io::{Extent, Memory};
-/// use trex_store::pool::{PagePool, PageStore, PoolOptions, Want};
+/// use trex_store::pool::{FrameRoom, PagePool, PageStore, PoolOptions, Want};
 /// use trex_store::{Budget, Result};
 ///
 /// /// A file whose page `i` is the one byte at offset `i`, and fills its frame with it.
@@ -50,8 +51,8 @@ pub struct FrameCount {
 ///     fn extent(&self, page: u32) -> Extent {
 ///         Extent { offset: page.into(), stored_bytes: 1 }
 ///     }
-///     fn install(&self, _: u32, stored: &[u8], frame: &mut [u8], _: &mut Vec<u8>) -> Result<()> {
-///         frame.fill(stored[0]);
+///     fn install(&self, _: u32, stored: &[u8], frame: &mut FrameRoom, _: &mut Vec<u8>) -> Result<()> {
+///         frame.whole()?.fill(stored[0]);
 ///         Ok(())
 ///     }
 ///     fn frame_bytes(&self) -> usize {
@@ -84,6 +85,8 @@ pub struct PagePool {
     budget: Budget,
     threads: Vec<JoinHandle<()>>,
     tables: Lease,
+    /// Most whole frames that the limit can be set to.
+    frames_most: usize,
 }
 
 impl PagePool {
@@ -119,9 +122,11 @@ impl PagePool {
         let reader = Reader::new(backend, path);
         let slots: Result<Vec<Slot>> =
             (0..options.staging_slots).map(|id| Slot::new(id as u32, plan.slot_bytes)).collect();
-        let clock = Clock::new(plan.frames_max, frames_lease);
+        let clock = Clock::new(plan.frames_max, store.frame_bytes(), frames_lease);
+        let blocks = |page| AtomicU16::new(store.expected_bytes(page).div_ceil(BLOCK_BYTES) as u16);
         let shared = Arc::new(PoolState {
             words: (0..store.page_count()).map(|_| Word::absent()).collect(),
+            blocks: (0..store.page_count()).map(blocks).collect(),
             arena: FrameArena::reserve(plan.frames_max, store.frame_bytes())?,
             requests: Mutex::new(Requests::new(options.queue_capacity)),
             clock: Mutex::new(clock),
@@ -139,7 +144,13 @@ impl PagePool {
             stop: AtomicBool::new(false),
             store,
         });
-        let mut pool = PagePool { shared, budget: budget.clone(), threads: Vec::new(), tables };
+        let mut pool = PagePool {
+            shared,
+            budget: budget.clone(),
+            threads: Vec::new(),
+            tables,
+            frames_most: plan.frames_most,
+        };
         pool.set_limit(options.frames_bytes)?;
         pool.start(reader, options)?;
         Ok(pool)
@@ -260,7 +271,7 @@ impl PagePool {
     pub fn set_limit(&self, frames_bytes: u64) -> Result<FrameCount> {
         let frame_bytes = self.shared.arena.frame_bytes() as u64;
         let mut clock = lock(&self.shared.clock);
-        let frames = (frames_bytes / frame_bytes).min(clock.frames_max() as u64) as usize;
+        let frames = (frames_bytes / frame_bytes).min(self.frames_most as u64) as usize;
         if frames < FRAMES_MIN {
             let held = clock.live() as u64 * frame_bytes;
             let others = self.budget.used_bytes().saturating_sub(held) + RESERVE_BYTES;
@@ -284,6 +295,11 @@ impl PagePool {
         FrameCount { frames: clock.live(), owed: clock.owed() }
     }
 
+    /// About how many pages find room together: more than whole frames where pages take parts of theirs.
+    pub fn room(&self) -> usize {
+        lock(&self.shared.clock).room().min(self.shared.words.len())
+    }
+
     /// Bytes that it has leased: tables, staging and frames.
     pub fn leased_bytes(&self) -> u64 {
         let clock = lock(&self.shared.clock);
@@ -299,6 +315,7 @@ impl PagePool {
         PoolStats {
             evictions: clock.evicted,
             frames: clock.live() as u64,
+            pages: clock.owned() as u64,
             frames_owed: clock.owed() as u64,
             wants_dropped: counts.dropped,
             wants_refused: counts.refused,

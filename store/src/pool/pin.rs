@@ -99,7 +99,8 @@ impl PagePool {
         unsafe { self.shared.arena.frame(token.frame) }
     }
 
-    /// The frame of a pinned page, of a pool over a page file.
+    /// The frame of a pinned page, of a pool over a page file. Clusters are unpacked into it when they are asked for:
+    /// while more pages are pinned than [`PagePool::frames`] says, there may be no room for one, which is lost then.
     ///
     /// # Panics
     /// When the token is another pool's, or frames have not the bytes of those of page files.
@@ -151,7 +152,8 @@ impl Unpack for PoolState {
     }
 
     fn unpack(&self, page: u32, frame: SharedFrame<'_>, cluster: usize) {
-        let Err(error) = self.store.unpack(page, frame, cluster) else { return };
+        let grow = |head_bytes| self.grow(page, head_bytes);
+        let Err(error) = self.store.unpack(page, frame, cluster, &grow) else { return };
         let mut damage = lock(&self.damage);
         if damage.iter().all(|(known, _)| *known != page) {
             count(&self.counters.damaged);

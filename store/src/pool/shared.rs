@@ -14,12 +14,14 @@ use crate::error::Error;
 use crate::io::IoDescription;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicUsize, Ordering};
 
 /// What the pool's threads and its callers share.
 pub(super) struct PoolState {
     pub(super) store: Arc<dyn PageStore>,
     pub(super) words: Box<[Word]>,
+    /// Blocks that each page took of its frame when it last came, or is expected to.
+    pub(super) blocks: Box<[AtomicU16]>,
     pub(super) arena: FrameArena,
     pub(super) clock: Mutex<Clock>,
     pub(super) requests: Mutex<Requests>,

@@ -40,8 +40,10 @@ pub struct PoolStats {
     pub queued: u64,
     /// Damaged pages met.
     pub damaged: u64,
-    /// Frames that memory is leased for, now.
+    /// Whole frames that memory is leased for, now.
     pub frames: u64,
+    /// Pages that have a frame, or a part of one, now.
+    pub pages: u64,
     /// Frames above the limit that are pinned still, now.
     pub frames_owed: u64,
 }

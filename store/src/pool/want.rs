@@ -1,5 +1,6 @@
 //! What callers ask for: `Want`; and what the pool asks of a file: `PageStore`.
 
+use super::frame_room::FrameRoom;
 use crate::cluster::SharedFrame;
 use crate::error::Result;
 use crate::io::{Backend, Extent, IoOptions};
@@ -30,19 +31,38 @@ pub trait PageStore: Send + Sync {
     /// the calling thread's, kept between calls.
     ///
     /// # Errors
-    /// When `stored` is damaged; the page counts as damaged from then on.
-    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()>;
+    /// When `stored` is damaged: the page counts as damaged from then on. That of [`FrameRoom`]: the page is read again
+    /// when it is wanted again.
+    fn install(
+        &self,
+        page: u32,
+        stored: &[u8],
+        frame: &mut FrameRoom<'_>,
+        scratch: &mut Vec<u8>,
+    ) -> Result<()>;
+
+    /// About how many bytes of its frame `page` takes when it has been installed.
+    fn expected_bytes(&self, _page: u32) -> usize {
+        self.frame_bytes()
+    }
 
     /// True where `install` leaves parts of the frame of `page` packed, for [`PageStore::unpack`].
     fn is_unpacked_later(&self, _page: u32) -> bool {
         false
     }
 
-    /// Unpacks a cluster of `page`, unless it is there. Others read the frame, and may unpack as well.
+    /// Unpacks a cluster of `page`, unless it is there. Others read the frame, and may unpack as well. `grow` is told
+    /// how many bytes at the begin of the frame are needed, and says whether there is memory for them.
     ///
     /// # Errors
-    /// When it is damaged: it is lost then, and the page counts as damaged.
-    fn unpack(&self, _page: u32, _frame: SharedFrame<'_>, _cluster: usize) -> Result<()> {
+    /// When it is damaged: it is lost then, and the page counts as damaged. When there is no memory.
+    fn unpack(
+        &self,
+        _page: u32,
+        _frame: SharedFrame<'_>,
+        _cluster: usize,
+        _grow: &dyn Fn(usize) -> bool,
+    ) -> Result<()> {
         Ok(())
     }
 

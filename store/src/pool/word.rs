@@ -4,7 +4,8 @@
 //!            enqueue               begin_read              install
 //!   ABSENT ----------> QUEUED ----------------> READING ------------> RESIDENT --.
 //!     ^  ^   unqueue     |      (frame given)      |     (frame full)   |   ^    | try_pin, unpin, cool
-//!     |  '---------------'                         | damage             |   '----'
+//!     |  |---------------'        abandon          | damage             |   '----'
+//!     |  '-----------------------------------------|                    |
 //!     |                                            v                    |
 //!     |                                         DAMAGED                 |
 //!     '-----------------------------------------------------------------'
@@ -173,6 +174,13 @@ impl Word {
             ..view
         });
         assert!(moved.is_ok(), "install of a page that is {moved:?}");
+    }
+
+    /// READING to ABSENT: there was no room for the page. The frame is the caller's.
+    pub(super) fn abandon(&self) {
+        let moved =
+            self.advance(PageState::Reading, |view| View { state: PageState::Absent, frame: 0, ..view });
+        assert!(moved.is_ok(), "abandon of a page that is {moved:?}");
     }
 
     /// READING to DAMAGED. The frame is the caller's.

@@ -58,7 +58,7 @@ const STRESS: [(&str, Kind); 45] = [
     ("io_backend.reason", Text),
 ];
 
-const POOL: [&str; 6] = ["hits", "misses", "evictions", "bytes_read", "refaults", "pages_read"];
+const POOL: [&str; 7] = ["hits", "misses", "evictions", "bytes_read", "refaults", "pages_read", "pages"];
 const RAY_KINDS: [&str; 5] = ["primary", "mirror", "shadow", "gather", "photon"];
 const TIMES: [&str; 7] =
     ["first_picture_ms", "rough_ms", "whole_ms", "response_ms", "complete_ms", "converged_ms", "frame_ms"];

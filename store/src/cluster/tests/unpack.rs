@@ -1,7 +1,8 @@
 //! Clusters that are unpacked on demand, against a page that was unpacked whole.
 
 use super::*;
-use crate::cluster::unpack;
+use crate::cluster::{ArrivingPage, UnpackError, unpack};
+use crate::io::ALIGN_BYTES;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Unpacks as a pool does, and counts what is damaged.
@@ -22,7 +23,7 @@ impl Unpack for CountingUnpacker {
     fn unpack(&self, page: u32, frame: SharedFrame<'_>, cluster: usize) {
         assert_eq!(page, 7);
         self.asked.fetch_add(1, Ordering::Relaxed);
-        if unpack(frame, cluster, ALL_MATERIALS).is_err() {
+        if unpack(frame, cluster, ALL_MATERIALS, &|_| true).is_err() {
             self.damaged.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -79,7 +80,7 @@ fn clusters_come_in_any_order_as_in_a_page_unpacked_whole() {
     for stride in [1, 5, 7, 11, 13, 23] {
         let (mut memory, unpacker) = (frame(), CountingUnpacker::default());
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        install_packed(&packed, (LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
+        ArrivingPage::read(&packed).unwrap().install((LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
         let view = FrameView::new(Frame::of_page(SharedFrame::new(bytes), 7, &unpacker));
         let first = words(&view);
         assert!(
@@ -103,18 +104,22 @@ fn clusters_come_in_any_order_as_in_a_page_unpacked_whole() {
     }
 }
 
-/// A full page: the heap comes to the packed page on the way.
-#[test]
-fn a_full_page_is_unpacked_by_many_threads() {
+/// A page of which the heap comes to the packed page on the way.
+fn full_page() -> PageContent {
     let mut all = Vec::new();
     while long_page(all.clone()).frame_bytes() < FRAME_BYTES - 4096 {
         all.push(sheet(8, 8, 1000 + all.len() as i64));
     }
-    let page = long_page(all);
+    long_page(all)
+}
+
+#[test]
+fn a_full_page_is_unpacked_by_many_threads() {
+    let page = full_page();
     let (packed, _) = page.encode();
     let (mut memory, unpacker) = (frame(), CountingUnpacker::default());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-    install_packed(&packed, (LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
+    ArrivingPage::read(&packed).unwrap().install((LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
     let view = FrameView::new(Frame::of_page(SharedFrame::new(bytes), 7, &unpacker));
     assert_eq!(view.triangle_count(), page.triangle_count());
     let first = words(&view);
@@ -130,6 +135,43 @@ fn a_full_page_is_unpacked_by_many_threads() {
         }
     });
     assert_eq!(view.used_bytes(), page.frame_bytes());
+}
+
+/// What has not been asked for is not written, and a cluster that finds no memory is not lost.
+#[test]
+fn memory_is_asked_for_before_it_is_written() {
+    for page in [long_page(clusters(24)), full_page()] {
+        let (packed, _) = page.encode();
+        let mut memory = frame();
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let arriving = ArrivingPage::read(&packed).unwrap();
+        let [head, tail] = arriving.ends();
+        arriving.install((LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
+        let room = std::cell::Cell::new(head.next_multiple_of(ALIGN_BYTES));
+        let tail_at = (FRAME_BYTES - tail) / ALIGN_BYTES * ALIGN_BYTES;
+        assert!(room.get() < tail_at, "nothing is left to ask for");
+        for index in 0..page.clusters.len() {
+            for is_there in [false, true] {
+                let asked = std::cell::Cell::new(false);
+                let grow = |to: usize| {
+                    assert!(room.get() <= to && to <= tail_at, "{to} after {}", room.get());
+                    asked.set(true);
+                    if is_there {
+                        room.set(to.next_multiple_of(ALIGN_BYTES).min(tail_at));
+                    }
+                    is_there
+                };
+                let unpacked = unpack(SharedFrame::new(bytes), index, ALL_MATERIALS, &grow);
+                let refused = asked.get() && !is_there;
+                assert_eq!(unpacked, if refused { Err(UnpackError::NoRoom) } else { Ok(()) });
+                assert!(bytes[room.get().min(tail_at)..tail_at].iter().all(|byte| *byte == 0xa5));
+            }
+        }
+        let view = FrameView::new(&*bytes);
+        let mut found = Vec::new();
+        view.for_each_cluster(|cluster| found.push(cluster.decode()));
+        assert!(found == page.clusters);
+    }
 }
 
 #[test]
@@ -159,7 +201,7 @@ fn a_damaged_cluster_is_lost_alone() {
     let whole = install_twice(&packed).unwrap_err();
     let (mut memory, unpacker) = (frame(), CountingUnpacker::default());
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-    install_packed(&packed, (LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
+    ArrivingPage::read(&packed).unwrap().install((LATTICE_BITS, ALL_MATERIALS), bytes).unwrap();
     let shared = SharedFrame::new(bytes);
     let view = FrameView::new(Frame::of_page(shared, 7, &unpacker));
     let mut found = Vec::new();
@@ -179,7 +221,8 @@ fn materials_are_known_before_a_cluster_is_traced() {
     {
         let mut memory = frame();
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
-        install_packed(&packed, (LATTICE_BITS, material_count), bytes).unwrap();
-        assert_eq!(unpack(SharedFrame::new(bytes), 0, material_count), expected);
+        ArrivingPage::read(&packed).unwrap().install((LATTICE_BITS, material_count), bytes).unwrap();
+        let expected = expected.map_err(UnpackError::Damaged);
+        assert_eq!(unpack(SharedFrame::new(bytes), 0, material_count, &|_| true), expected);
     }
 }

@@ -15,7 +15,13 @@ impl PageStore for Panics {
     fn extent(&self, page: u32) -> Extent {
         self.0.extent(page)
     }
-    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], scratch: &mut Vec<u8>) -> Result<()> {
+    fn install(
+        &self,
+        page: u32,
+        stored: &[u8],
+        frame: &mut FrameRoom<'_>,
+        scratch: &mut Vec<u8>,
+    ) -> Result<()> {
         assert!(page != 2, "this panic belongs to the test");
         self.0.install(page, stored, frame, scratch)
     }

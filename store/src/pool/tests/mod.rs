@@ -2,6 +2,7 @@
 
 mod failure;
 mod limits;
+mod parts;
 mod stress;
 
 use super::*;
@@ -70,14 +71,20 @@ impl PageStore for Synthetic {
         self.extents[page as usize]
     }
 
-    fn install(&self, page: u32, stored: &[u8], frame: &mut [u8], _scratch: &mut Vec<u8>) -> Result<()> {
+    fn install(
+        &self,
+        page: u32,
+        stored: &[u8],
+        frame: &mut FrameRoom<'_>,
+        _scratch: &mut Vec<u8>,
+    ) -> Result<()> {
         let hash = u64::from_le_bytes(stored[4..12].try_into().unwrap());
         if stored[..4] != page.to_le_bytes() || hash != xxhash_rust::xxh3::xxh3_64(&stored[12..]) {
             return Err(Error::new(Code::Damaged, "the hash of a page is wrong")
                 .at_byte(Path::new("synthetic"), self.extent(page).offset));
         }
         self.installs[page as usize].fetch_add(1, Ordering::Relaxed);
-        for (index, word) in frame.chunks_exact_mut(8).enumerate() {
+        for (index, word) in frame.whole()?.chunks_exact_mut(8).enumerate() {
             word.copy_from_slice(&pattern(page, index).to_le_bytes());
         }
         Ok(())

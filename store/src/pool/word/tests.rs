@@ -9,6 +9,7 @@ enum Step {
     Unqueue,
     BeginRead(u32),
     Install,
+    Abandon,
     Damage,
     Pin,
     Unpin,
@@ -21,6 +22,7 @@ fn step() -> impl Strategy<Value = Step> {
         1 => Just(Step::Unqueue),
         3 => (0..FRAMES_MAX as u32).prop_map(Step::BeginRead),
         3 => Just(Step::Install),
+        1 => Just(Step::Abandon),
         1 => Just(Step::Damage),
         6 => Just(Step::Pin),
         5 => Just(Step::Unpin),
@@ -36,6 +38,7 @@ fn model(page: View, step: Step) -> Option<View> {
         (Step::Unqueue, Queued) => View { state: Absent, ..page },
         (Step::BeginRead(frame), Queued) => View { state: Reading, frame, score: 0, ..page },
         (Step::Install, Reading) => View { state: Resident, score: 2, ..page },
+        (Step::Abandon, Reading) => View { state: Absent, frame: 0, ..page },
         (Step::Damage, Reading) => View { state: Damaged, frame: 0, ..page },
         (Step::Pin, Resident) => View { pins: page.pins + 1, score: 3.min(page.score + 1), ..page },
         (Step::Unpin, Resident) if page.pins > 0 => View { pins: page.pins - 1, ..page },
@@ -62,6 +65,7 @@ proptest! {
                 Step::Unqueue => word.unqueue(),
                 Step::BeginRead(frame) => word.begin_read(frame),
                 Step::Install => word.install(),
+                Step::Abandon => word.abandon(),
                 Step::Damage => word.damage(),
                 Step::Pin => {
                     let is_resident = page.state == PageState::Resident;
