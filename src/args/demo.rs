@@ -56,7 +56,7 @@ pub struct GenArgs {
     /// Triangles to generate, within 1 % (250k, 5M, 1G)
     #[arg(long, value_name = "N", value_parser = values::count)]
     pub triangles: u64,
-    /// The file; its ending chooses the format: .ply (binary), .obj or .stl (binary)
+    /// The file; its ending chooses the format: .ply (binary), .obj, .glb or .stl (binary)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Seed; the same seed gives the same bytes

@@ -12,7 +12,7 @@ pub struct ExportArgs {
     /// The page file
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// The mesh; its ending chooses the format: .ply (binary), .obj with its .mtl, or .stl (binary)
+    /// The mesh; its ending chooses the format: .ply (binary), .obj with its .mtl, .glb, or .stl (binary)
     #[arg(short, long, value_name = "MESH")]
     pub output: PathBuf,
     /// Only triangles whose middle is in this box, model units (default: all)
@@ -29,10 +29,11 @@ pub struct ExportArgs {
 
 const AFTER_EXPORT: &str = "\
 Vertices stand where the page file has them, to the bit; .stl rounds them to single precision. Materials go to .obj
-alone. A comment tells origin and step of the lattice, so that `trex build` gives the same triangles again. Boxes that
-fill space without gaps share no triangle.
+and .glb. The file tells origin and step of the lattice, so that `trex build` gives the same triangles again. Boxes that
+fill space without gaps share no triangle. A .glb holds 4 GiB at most.
 
 Examples:
   trex export statue.trex -o statue.ply
   trex export plant.trex -o corner.obj --box 0,0,0,10,10,4
-  trex export ship.trex -o hull.ply --material hull";
+  trex export ship.trex -o hull.ply --material hull
+  trex export engine.trex -o engine.glb";

@@ -1,4 +1,4 @@
-//! `trex export`: the mesh of a page file back to a PLY, OBJ or STL file.
+//! `trex export`: the mesh of a page file back to a PLY, OBJ, GLB or STL file.
 
 use super::generate::MeshReport;
 use crate::args::ExportArgs;

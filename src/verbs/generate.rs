@@ -1,4 +1,4 @@
-//! `trex gen`: a generated mesh to a PLY, OBJ or STL file. (`gen` is a keyword of Rust.)
+//! `trex gen`: a generated mesh to a PLY, OBJ, GLB or STL file. (`gen` is a keyword of Rust.)
 
 use super::inputs;
 use crate::args::GenArgs;

@@ -127,10 +127,12 @@ fn check(inside: &Path, file: &str, expected: &ColouredCounts) -> (usize, u64) {
     assert_eq!(verdict["verdict"], "clean", "{file}");
     document_in(inside, "export m.trex -o back.ply --overwrite");
     assert!(counts(read_ply(&inside.join("back.ply"))) == *expected, "{file}");
-    document_in(inside, "export m.trex -o back.obj --overwrite");
-    document_in(inside, "build back.obj -o again.trex --overwrite --no-asvo");
-    document_in(inside, "export again.trex -o again.ply --overwrite");
-    assert!(counts(read_ply(&inside.join("again.ply"))) == *expected, "{file} by way of OBJ");
+    for back in ["back.obj", "back.glb"] {
+        document_in(inside, &format!("export m.trex -o {back} --overwrite"));
+        document_in(inside, &format!("build {back} -o again.trex --overwrite --no-asvo"));
+        document_in(inside, "export again.trex -o again.ply --overwrite");
+        assert!(counts(read_ply(&inside.join("again.ply"))) == *expected, "{file} by way of {back}");
+    }
     let file = PageFile::open(&inside.join("m.trex"), &Budget::unlimited()).unwrap();
     let colours = file.pages().iter().filter(|page| page.kind == PageKind::Colours);
     assert_eq!(colours.clone().count() as u64, file.superblock().colour_page_count);

@@ -12,7 +12,7 @@ use std::io::BufReader;
 use std::path::Path;
 use trex_store::cluster::FrameView;
 use trex_store::layout::FRAME_BYTES;
-use trex_store::{Budget, Lattice, PageFile};
+use trex_store::{Budget, Lattice, Material, PageFile};
 
 /// Corners by their bits, the least first, in the order that they go round.
 type TriangleKey = [[u64; 3]; 3];
@@ -81,7 +81,69 @@ fn ply_triangles(path: &Path) -> Vec<[[f64; 3]; 3]> {
     ply.payload["face"].iter().map(face).collect()
 }
 
-/// Exports `m.trex` as PLY, compares it, builds that, and compares again.
+/// A value of a GLB's document.
+type Json = serde_json::Value;
+
+/// The document of a GLB file and its binary chunk. The crate `gltf` finds nothing wrong with the file.
+fn glb(path: &Path) -> (Json, Vec<u8>) {
+    let bytes = std::fs::read(path).unwrap();
+    gltf::Gltf::from_slice(&bytes).unwrap();
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    assert_eq!((&bytes[..4], number(4), number(8)), (&b"glTF"[..], 2, bytes.len()));
+    let json_end = 20 + number(12);
+    assert_eq!((&bytes[16..20], &bytes[json_end + 4..json_end + 8]), (&b"JSON"[..], &b"BIN\0"[..]));
+    let document: Json = serde_json::from_slice(&bytes[20..json_end]).unwrap();
+    let binary = bytes[json_end + 8..].to_vec();
+    assert_eq!(binary.len(), number(json_end));
+    assert_eq!(document["buffers"][0]["byteLength"], binary.len());
+    (document, binary)
+}
+
+/// The elements of an accessor of a GLB file, its numbers as they stand.
+fn elements((document, binary): &(Json, Vec<u8>), accessor: &Json) -> Vec<Vec<f64>> {
+    let count = |value: &Json| value.as_u64().unwrap_or(0) as usize;
+    let accessor = &document["accessors"][count(accessor)];
+    let view = &document["bufferViews"][count(&accessor["bufferView"])];
+    let parts = match accessor["type"].as_str().unwrap() {
+        "SCALAR" => 1,
+        "VEC3" => 3,
+        _ => 4,
+    };
+    let read: fn(&[u8]) -> f64 = match count(&accessor["componentType"]) {
+        5126 => |bytes| f32::from_le_bytes(bytes.try_into().unwrap()).into(),
+        5125 => |bytes| u32::from_le_bytes(bytes.try_into().unwrap()).into(),
+        _ => |bytes| u16::from_le_bytes(bytes.try_into().unwrap()).into(),
+    };
+    let size = if count(&accessor["componentType"]) == 5123 { 2 } else { 4 };
+    let stride = view["byteStride"].as_u64().map_or(parts * size, |stride| stride as usize);
+    let begin = count(&view["byteOffset"]) + count(&accessor["byteOffset"]);
+    assert!(count(&view["byteLength"]) >= stride * (count(&accessor["count"]) - 1) + parts * size);
+    let element = |at: usize| binary[begin + stride * at..].chunks(size).take(parts).map(read).collect();
+    (0..count(&accessor["count"])).map(element).collect()
+}
+
+/// The triangles of a GLB file whose nodes are moved only, with the names of their materials.
+fn glb_triangles(path: &Path) -> Vec<NamedTriangle> {
+    let file = glb(path);
+    let document = &file.0;
+    let mut all = Vec::new();
+    for node in document["scenes"][0]["nodes"].as_array().unwrap() {
+        let node = &document["nodes"][node.as_u64().unwrap() as usize];
+        let moved: Vec<f64> =
+            node["translation"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        let part = &document["meshes"][node["mesh"].as_u64().unwrap() as usize]["primitives"][0];
+        let positions = elements(&file, &part["attributes"]["POSITION"]);
+        let name = &document["materials"][part["material"].as_u64().unwrap() as usize]["name"];
+        let name = name.as_str().unwrap();
+        for corners in elements(&file, &part["indices"]).chunks(3) {
+            let corner = |at: usize| [0, 1, 2].map(|a| moved[a] + positions[corners[at][0] as usize][a]);
+            all.push(([0, 1, 2].map(corner), name.to_string()));
+        }
+    }
+    all
+}
+
+/// Exports `m.trex` as PLY and GLB, compares these, builds that, and compares again.
 #[track_caller]
 fn check_round_trip(inside: &Path) {
     let at = |name: &str| inside.join(name);
@@ -91,10 +153,15 @@ fn check_round_trip(inside: &Path) {
     assert_eq!(told["triangle_count"], expected.values().sum::<usize>());
     assert_eq!(told["output_bytes"], at("back.ply").metadata().unwrap().len());
     assert_eq!(counts(ply_triangles(&at("back.ply"))), expected);
-    let built = document_in(inside, "build back.ply -o back.trex --no-asvo --overwrite");
-    assert_eq!((&built["error_bound"], &built["triangle_count"]), (&0.0.into(), &told["triangle_count"]));
-    assert_eq!(content(&at("back.trex")).0, lattice);
-    assert_eq!(counts(triangles(&at("back.trex"))), expected);
+    let told = document_in(inside, "export m.trex -o back.glb --overwrite");
+    assert_eq!(told["triangle_count"], expected.values().sum::<usize>());
+    assert_eq!(counts(glb_triangles(&at("back.glb")).into_iter().map(|(corners, _)| corners)), expected);
+    for back in ["back.ply", "back.glb"] {
+        let built = document_in(inside, &format!("build {back} -o back.trex --no-asvo --overwrite"));
+        assert_eq!((&built["error_bound"], &built["triangle_count"]), (&0.0.into(), &told["triangle_count"]));
+        assert_eq!(content(&at("back.trex")).0, lattice, "{back}");
+        assert_eq!(counts(triangles(&at("back.trex"))), expected, "{back}");
+    }
 }
 
 #[test]
@@ -156,7 +223,7 @@ fn boxes_that_fill_space_part_the_model() {
 }
 
 #[test]
-fn materials_go_to_obj_and_choose() {
+fn materials_go_to_obj_and_glb_and_choose() {
     let inside = folder();
     // A step that nobody would choose for it, so that it is the one that comes back.
     built_in(inside.path(), "gen:pipes:20k --no-asvo --error 0.01", "m.trex");
@@ -164,13 +231,16 @@ fn materials_go_to_obj_and_choose() {
     let named = |triangles: &[([[f64; 3]; 3], String)], name: &str| {
         counts(triangles.iter().filter(|(_, material)| material == name).map(|(corners, _)| *corners))
     };
-    document_in(inside.path(), "export m.trex -o all.obj");
-    document_in(inside.path(), "build all.obj -o all.trex --no-asvo");
-    let (of_back, back) = content(&inside.path().join("all.trex"));
-    assert_eq!(of_back, lattice);
     let names: std::collections::BTreeSet<&String> = all.iter().map(|(_, name)| name).collect();
     assert!(names.len() > 2);
-    names.iter().for_each(|name| assert_eq!(named(&back, name), named(&all, name), "{name}"));
+    for format in ["obj", "glb"] {
+        document_in(inside.path(), &format!("export m.trex -o all.{format}"));
+        document_in(inside.path(), &format!("build all.{format} -o all.trex --no-asvo --overwrite"));
+        let (of_back, back) = content(&inside.path().join("all.trex"));
+        assert_eq!(of_back, lattice);
+        names.iter().for_each(|name| assert_eq!(named(&back, name), named(&all, name), "{name}"));
+        check_materials(&inside.path().join("m.trex"), &inside.path().join("all.trex"));
+    }
     let [one, other] = [names.first().unwrap(), names.last().unwrap()];
     document_in(inside.path(), &format!("export m.trex -o two.ply --material {one} --material {other}"));
     let mut expected = named(&all, one);
@@ -178,6 +248,24 @@ fn materials_go_to_obj_and_choose() {
     assert_eq!(counts(ply_triangles(&inside.path().join("two.ply"))), expected);
     let unknown = run_in(inside.path(), "export m.trex -o no.ply --material nobody --json -q");
     assert!(unknown.expect_error(2, "usage")["what"].as_str().unwrap().contains("nobody"));
+}
+
+/// Materials of the same names look alike.
+#[track_caller]
+fn check_materials(expected: &Path, found: &Path) {
+    let [expected, found] = [expected, found].map(|path| PageFile::open(path, &Budget::unlimited()).unwrap());
+    let numbers = |material: &Material| {
+        let Material { kd, ks, ns, ke, d, mirror, .. } = *material;
+        [&kd[..], &ks, &ke, &[if mirror { 0.0 } else { ns }, d]].concat()
+    };
+    for (name, material) in expected.material_names().iter().zip(expected.materials()) {
+        let Some(index) = found.material_names().index_of(name) else { continue };
+        let back = &found.materials()[index];
+        assert_eq!(back.mirror, material.mirror, "{name}");
+        for (a, b) in numbers(material).into_iter().zip(numbers(back)) {
+            assert!((a - b).abs() <= 1e-5 * a.abs(), "{name}: {material:?} came back as {back:?}");
+        }
+    }
 }
 
 /// A comment is not believed: where a vertex lies elsewhere, the lattice is chosen as for any other file.
@@ -219,6 +307,7 @@ fn what_cannot_be_exported_leaves_nothing() {
     for (line, exit, code) in [
         ("export bad.trex -o a.ply", 3, "damaged"),
         ("export bad.trex -o a.obj", 3, "damaged"),
+        ("export bad.trex -o a.glb", 3, "damaged"),
         ("export m.trex -o there.ply", 2, "usage"),
         ("export m.trex -o m.trex --overwrite", 2, "usage"),
         ("export m.trex -o same.obj --overwrite", 2, "usage"),

@@ -80,7 +80,7 @@ fn read_ply(path: &Path) -> NormalsByPlace {
 }
 
 #[test]
-fn normals_come_back_by_way_of_ply_and_obj() {
+fn normals_come_back_by_way_of_every_format() {
     let inside = folder();
     let at = |name: &str| inside.path().join(name);
     let (text, expected) = waves(120);
@@ -99,7 +99,8 @@ fn normals_come_back_by_way_of_ply_and_obj() {
     }
     // What was rounded once is not rounded again.
     document_in(inside.path(), "export m.trex -o back.obj");
-    for (number, file) in ["back.ply", "back.obj"].into_iter().enumerate() {
+    document_in(inside.path(), "export m.trex -o back.glb");
+    for (number, file) in ["back.ply", "back.obj", "back.glb"].into_iter().enumerate() {
         document_in(inside.path(), &format!("build {file} -o again{number}.trex --no-asvo"));
         document_in(inside.path(), &format!("export again{number}.trex -o again{number}.ply"));
         assert!(read_ply(&at(&format!("again{number}.ply"))) == back, "{file}");

@@ -1,5 +1,5 @@
 //! Writes any `TriangleSource` to a mesh file, as a stream: `.ply` (binary, little endian), `.stl` (binary),
-//! `.obj` with its `.mtl`.
+//! `.obj` with its `.mtl`, `.glb` (glTF 2.0).
 //!
 //! ```text
 //!   temporary file beside the output -> write -> fsync -> rename -> fsync of the folder
@@ -7,10 +7,12 @@
 //!
 //! Invariants: 1. the output appears whole or not at all; on an error or an interrupt nothing is left behind;
 //! 2. an existing output is refused unless [`ExistingOutput::Replace`]; 3. memory is bounded and leased: buffers and
-//! one window of recent vertices; 4. coordinates are written without loss, except to `.stl`, which has f32
-//! only; 5. materials go to `.obj` only, colours and normals to `.ply` and `.obj`; 6. the lattice of a source that
-//! knows it stands in a comment of `.ply` and `.obj`.
+//! one window of recent vertices, or the parts of a batch; 4. coordinates are written without loss, except to `.stl`,
+//! which has f32 only, and to `.glb` where they lie on no lattice; 5. materials go to `.obj` and `.glb`, colours and
+//! normals to all but `.stl`; 6. the lattice of a source that knows it stands in a comment of `.ply` and `.obj`, and in
+//! the generator of `.glb`.
 
+mod glb;
 mod obj;
 mod ply;
 mod stl;
@@ -85,16 +87,21 @@ pub fn write(source: &mut dyn TriangleSource, path: &Path, options: &WriteOption
         Some("ply") => ply::write(source, &job),
         Some("stl") => stl::write(source, &job),
         Some("obj") => obj::write(source, &job),
+        Some("glb") => glb::write(source, &job),
         _ => Err(Error::new(Code::Usage, "the output's name does not say which mesh format to write")
             .at(path)
-            .next("end the name in .ply, .stl or .obj")),
+            .next("end the name in .ply, .obj, .glb or .stl")),
     }
 }
 
 /// Bytes that [`write()`] leases for a file of this name of a generated mesh, beside what its source has leased.
 pub fn smallest_bytes(path: &Path) -> u64 {
     let is = |format: &str| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format));
-    let window = if is("stl") { 0 } else { window::Window::BYTES };
+    let window = match () {
+        () if is("stl") => 0,
+        () if is("glb") => glb::BYTES,
+        () => window::Window::BYTES,
+    };
     let words = if is("obj") { obj::words_bytes(crate::MATERIALS_MAX) + obj::NORMALS_BYTES } else { 0 };
     TriangleBatch::bytes(AttributeSet::default()) + window + words
 }

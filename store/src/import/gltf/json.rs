@@ -72,6 +72,8 @@ pub(super) struct JsonDocument<'a> {
 pub(super) struct JsonAsset<'a> {
     #[serde(borrow)]
     pub(super) version: Option<JsonText<'a>>,
+    #[serde(borrow)]
+    pub(super) generator: Option<JsonText<'a>>,
 }
 
 #[derive(Debug, Deserialize)]

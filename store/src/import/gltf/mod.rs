@@ -37,7 +37,9 @@ mod triangles;
 use super::input::Input;
 use super::{Encoding, Format, ImportOptions, warn};
 use crate::error::{Code, Error, Result};
+use crate::geom::Lattice;
 use crate::source::SourceStats;
+use crate::stated_lattice;
 use accessors::Accessors;
 use buffers::{Buffers, is_data};
 use bytes::{Spool, SpoolUse};
@@ -103,11 +105,18 @@ fn open_with(input: Input, format: Format, kept: SpoolUse, options: &ImportOptio
     let mut stats = stats(&document, &container, &buffers, &walk, &primitives, &materials);
     textures.told.iter().for_each(|told| warn(&mut stats, told.clone()));
     let named = buffers.into_named();
+    let lattice = lattice(&document);
     let store = DenseStore::new(spool, &path)?;
     Ok(GltfSource::new(
-        GltfParts { path, walk, primitives, materials, textures, store, stats, named },
+        GltfParts { path, walk, primitives, materials, textures, store, stats, named, lattice },
         options,
     ))
+}
+
+/// The lattice that the file's generator states.
+fn lattice(document: &JsonDocument<'_>) -> Option<Lattice> {
+    let generator = document.asset.as_ref()?.generator.as_deref()?;
+    stated_lattice::parse(&generator[generator.find(stated_lattice::WORDS)?..])
 }
 
 /// What the file declares: encoding, vertices and triangles.

@@ -14,6 +14,7 @@ use super::textures::Textures;
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
+use crate::geom::Lattice;
 use crate::import::picture::CoarseCount;
 use crate::import::polygon::FaceCorner;
 use crate::import::scalar::Scalar;
@@ -36,6 +37,7 @@ pub(super) struct GltfParts {
     pub(super) stats: SourceStats,
     /// Files that are named, and their lease.
     pub(super) named: (Vec<(Vec<u8>, String)>, Lease),
+    pub(super) lattice: Option<Lattice>,
 }
 
 /// Triangles of a glTF file.
@@ -301,6 +303,10 @@ impl TriangleSource for GltfSource {
 
     fn hint(&self) -> Option<ScanHint> {
         None
+    }
+
+    fn lattice(&self) -> Option<Lattice> {
+        self.parts.lattice
     }
 
     fn materials(&self) -> &MaterialList {
