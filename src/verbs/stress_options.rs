@@ -30,6 +30,7 @@ pub fn stress_options<T: PagedTracer + Send>(
         hold: Duration::from_secs_f64(args.hold.0 / 1e3),
         seed: scene.render.seed,
         views: views.unwrap_or_default(),
+        fills: scene.camera.position.is_none() && scene.camera.target.is_none(),
         requirements,
     })
 }

@@ -178,3 +178,24 @@ fn what_cannot_be_live_is_refused() {
     let ran = run_in(inside.path(), "stress iso.trex --scenario flip --views views.toml --json -q");
     ran.expect_error(3, "scene-format");
 }
+
+/// A statue in a wide picture: the scenario's own views come near, a camera that was placed stays where it is.
+#[test]
+fn views_that_jump_are_filled_by_the_model() {
+    let inside = folder();
+    built_in(inside.path(), "gen:scan:20k", "scan.trex");
+    let coverage = |arguments: &str| {
+        let line = format!(
+            "stress scan.trex --switches 4 --hold 60000 --resolution 96x54 --photons 1k \
+             --require frame.max=600000 {arguments}"
+        );
+        document_in(inside.path(), &line)["coverage"].as_f64().unwrap()
+    };
+    for scenario in ["flip", "inside", "squeeze", "teleport"] {
+        let covered = coverage(&format!("--scenario {scenario}"));
+        assert!(covered > 0.8, "{scenario}: {covered}");
+    }
+    let far = coverage("--scenario still");
+    let placed = coverage("--scenario flip --camera-position 0,0,900 --camera-target 0,0,0");
+    assert!(far < 0.6 && placed < 0.2, "{far} {placed}");
+}

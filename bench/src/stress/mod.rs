@@ -16,6 +16,7 @@ mod drag;
 mod drag_figures;
 mod errors;
 mod figures;
+mod filling;
 mod hold;
 mod options;
 mod picture_error;

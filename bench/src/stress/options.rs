@@ -8,7 +8,7 @@ use trex_render::Camera;
 /// What happens. Its names are those of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Scenario {
-    /// Two views from opposite sides.
+    /// Two views from opposite sides, as near as the model fills them.
     Flip,
     /// Overview and interior.
     Inside,
@@ -34,6 +34,11 @@ pub enum Scenario {
 }
 
 impl Scenario {
+    /// True where views jump that are the scenario's own.
+    pub(super) fn jumps(self) -> bool {
+        matches!(self, Scenario::Flip | Scenario::Inside | Scenario::Squeeze)
+    }
+
     /// The name as typed.
     pub fn name(self) -> &'static str {
         match self {
@@ -65,6 +70,8 @@ pub struct StressOptions {
     pub seed: u64,
     /// Viewpoints instead of the scenario's own.
     pub views: Vec<Camera>,
+    /// Whether the scenario may take nearer views than the session's, which the model fills.
+    pub fills: bool,
     /// What the times must not pass.
     pub requirements: Vec<Requirement>,
 }

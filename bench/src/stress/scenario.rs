@@ -10,10 +10,13 @@
 //! fly        from the overview into the model and on through it, as drag
 //! ```
 //!
+//! Views of flip, inside, squeeze and teleport are such as the model fills, unless they are given (`filling.rs`).
+//!
 //! Invariants: 1. step `n` of a script is a function of the model, the options and `n`; 2. after a switch with a state
 //! the scene is always the same, once the script has begun.
 
 use super::camera_way::{self, WAY_VIEWS};
+use super::filling::{filled, is_filled};
 use super::options::{Scenario, StressOptions};
 use super::vector::{along, length, turned_about, unit};
 use rand_pcg::Pcg64;
@@ -33,6 +36,8 @@ const ORBIT_STEPS: u32 = 48;
 const CLOSE_SHARE: f64 = 0.01;
 /// Part of the way to what it sees from the interior that a flight goes on.
 const FLIGHT_SHARE: f64 = 0.8;
+/// Poses that are tried for one of `teleport`.
+const POSE_TRIES: u32 = 64;
 /// Poses of `teleport`, and states of `light-edit`.
 const POSES: u32 = 12;
 const LIGHT_STATES: u32 = 8;
@@ -52,6 +57,8 @@ pub(super) struct Script {
     model: Model,
     /// Overview first.
     views: Vec<Camera>,
+    /// Of `teleport`.
+    poses: Vec<Camera>,
     frames: u64,
 }
 
@@ -80,8 +87,25 @@ impl Script {
             if options.scenario == Scenario::Fly {
                 views.push(ahead(&other, FLIGHT_SHARE));
             }
+            if let Some(voxels) = voxels.filter(|_| options.fills && options.scenario.jumps()) {
+                let resolution = session.film().resolution();
+                for view in &mut views {
+                    *view = filled(view, &voxels, resolution);
+                }
+            }
         }
-        Script { scenario: options.scenario, seed: options.seed, model, views, frames }
+        let mut script = Script {
+            scenario: options.scenario,
+            seed: options.seed,
+            model,
+            views,
+            poses: Vec::new(),
+            frames,
+        };
+        if options.scenario == Scenario::Teleport {
+            script.poses = script.full_poses(session.film().resolution());
+        }
+        script
     }
 
     /// Count of states that the scene comes to; 0 for a script whose states do not come again.
@@ -123,7 +147,7 @@ impl Script {
     /// What takes the scene to state `state`, after those before it.
     pub(super) fn steps_to(&self, state: u32) -> Vec<Step> {
         match self.scenario {
-            Scenario::Teleport => vec![look(self.pose(state))],
+            Scenario::Teleport => vec![look(self.poses[state as usize])],
             Scenario::Drag | Scenario::Fly => vec![look(self.way(camera_way::event_of(state)))],
             _ => self.steps(state),
         }
@@ -136,7 +160,7 @@ impl Script {
             Scenario::Flip | Scenario::Inside | Scenario::Pingpong => vec![look(view)],
             Scenario::Still => vec![look(self.views[0])],
             Scenario::Drag | Scenario::Fly => vec![look(self.way(index))],
-            Scenario::Teleport => vec![look(self.pose(self.state(index)))],
+            Scenario::Teleport => vec![look(self.poses[self.state(index) as usize])],
             Scenario::Sweep => {
                 vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
             }
@@ -153,6 +177,18 @@ impl Script {
     /// Bytes of frames that the run began with, where it changes them.
     pub(super) fn frame_bytes_at_rest(&self) -> Option<u64> {
         (self.scenario == Scenario::Squeeze).then(|| self.frames * FRAME_BYTES as u64)
+    }
+
+    /// Poses by chance, each the first of some that the model fills.
+    fn full_poses(&self, resolution: [u32; 2]) -> Vec<Camera> {
+        let voxels = self.model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
+        let is_full =
+            |pose: &Camera| voxels.as_ref().is_none_or(|voxels| is_filled(pose, voxels, resolution));
+        let of = |index| {
+            let mut tries = (0..POSE_TRIES).map(|at| self.pose(index + at * POSES));
+            tries.find(is_full).unwrap_or_else(|| self.pose(index))
+        };
+        (0..POSES).map(of).collect()
     }
 
     /// A pose by chance: in the model's box, looking anywhere.
