@@ -35,6 +35,9 @@ use crate::budget::Lease;
 
 const NOBODY: u32 = u32::MAX;
 
+/// One block of `Clock::typical`: so many evictions, by and by, make what it says.
+const TYPICAL_ONE: usize = 64;
+
 /// A frame.
 #[derive(Clone, Copy)]
 struct HeldFrame {
@@ -43,11 +46,13 @@ struct HeldFrame {
     blocks: FrameBlocks,
     /// Blocks that are counted for it: those, or more while it is being read.
     counted: u32,
+    /// Blocks that its page has asked for.
+    asked: u32,
 }
 
 impl HeldFrame {
     const UNUSED: HeldFrame =
-        HeldFrame { owner: NOBODY, blocks: FrameBlocks { head: 0, tail: 0 }, counted: 0 };
+        HeldFrame { owner: NOBODY, blocks: FrameBlocks { head: 0, tail: 0 }, counted: 0, asked: 0 };
 }
 
 /// The frames and the hand.
@@ -63,6 +68,8 @@ pub(super) struct Clock {
     used: usize,
     leased: usize,
     lease: Lease,
+    /// What pages have come to ask for of late when they lose their frame, blocks times [`TYPICAL_ONE`].
+    typical: usize,
     /// Pages that lost their frame.
     pub(super) evicted: u64,
 }
@@ -80,6 +87,7 @@ impl Clock {
             used: 0,
             leased: 0,
             lease,
+            typical: 0,
             evicted: 0,
         }
     }
@@ -165,24 +173,28 @@ impl Clock {
             let counted = blocks.max(held.counted as usize);
             let used = self.used - held.counted as usize + counted;
             if used <= self.limit {
-                (held.owner, held.counted, self.used) = (page, counted as u32, used);
+                (held.owner, held.counted, held.asked, self.used) = (page, counted as u32, 0, used);
                 return Some(frame);
             }
             self.release(at, arena);
         }
     }
 
-    /// The blocks of a frame into which a page is being read.
-    pub(super) fn blocks(&self, frame: u32) -> FrameBlocks {
-        self.frames[frame as usize].blocks
+    /// The blocks of a frame into which a page is being read, and those of them that stay when the page needs so many:
+    /// pages come to ask for most of these, and who takes blocks back and forth asks the kernel, which stops the other
+    /// processors for it.
+    pub(super) fn blocks(&self, frame: u32, needed: FrameBlocks) -> [FrameBlocks; 2] {
+        let had = self.frames[frame as usize].blocks;
+        let typical = self.typical.div_ceil(TYPICAL_ONE);
+        [had, needed.keeping(had, typical, self.whole)]
     }
 
-    /// Counts for a frame into which a page is being read what that needs. Other blocks of it were given back. False
-    /// when there is no room.
+    /// Counts for a frame into which a page is being read the `blocks` that it holds now, of which `needed` are asked
+    /// for. Others were given back. False when there is no room.
     pub(super) fn settle(
         &mut self,
         frame: u32,
-        blocks: FrameBlocks,
+        [needed, blocks]: [FrameBlocks; 2],
         words: &[Word],
         arena: &FrameArena,
     ) -> bool {
@@ -193,6 +205,7 @@ impl Clock {
         self.used = self.used - counted + blocks.count();
         let held = &mut self.frames[frame as usize];
         (held.blocks, held.counted) = (blocks, blocks.count() as u32);
+        held.asked = needed.count() as u32;
         true
     }
 
@@ -207,6 +220,7 @@ impl Clock {
         let held = &mut self.frames[frame as usize];
         held.blocks.head += more;
         held.counted += more;
+        held.asked = held.asked.max(head + tail);
         true
     }
 
@@ -264,6 +278,8 @@ impl Clock {
             match words[self.frames[self.ring[at] as usize].owner as usize].cool() {
                 CoolOutcome::Evicted => {
                     self.evicted += 1;
+                    let asked = self.frames[self.ring[at] as usize].asked as usize;
+                    self.typical = self.typical - self.typical / TYPICAL_ONE + asked;
                     return Some(at);
                 }
                 CoolOutcome::Warm => busy_in_a_row = 0,

@@ -13,10 +13,8 @@ use crate::io::ALIGN_BYTES;
 /// What memory of frames is counted by: what the kernel gives and takes.
 pub(super) const BLOCK_BYTES: usize = ALIGN_BYTES;
 
-/// Blocks of the page before that stay in a frame beside those that a page needs, at most. Of 0, 1, 2, 3 and 5 at the
-/// begin, 3 and 5 cost the least where a view thrashes, and they read 3 % more pages than 0.
-const HEAD_KEPT: u32 = 3;
-const TAIL_KEPT: u32 = 1;
+/// Blocks more than is typical that a frame keeps all the same.
+const SURPLUS: usize = 3;
 
 /// Blocks of a frame for which there is memory: from its begin, and at its end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,13 +32,14 @@ impl FrameBlocks {
         FrameBlocks { head: head.div_ceil(BLOCK_BYTES).min(blocks - tail) as u32, tail: tail as u32 }
     }
 
-    /// These, and a few of those that it `had`: the heap comes to need most of what is kept at the begin, and who takes
-    /// blocks back and forth asks the kernel, which stops the other processors for it.
-    pub(super) fn keeping(self, had: FrameBlocks, frame_bytes: usize) -> FrameBlocks {
-        let all = (frame_bytes / BLOCK_BYTES) as u32;
-        let head = self.head.max(had.head.min(self.head + HEAD_KEPT)).min(all - self.tail);
-        let tail = self.tail.max(had.tail.min(self.tail + TAIL_KEPT)).min(all - head);
-        FrameBlocks { head, tail }
+    /// These, and of those that a frame of `all` blocks `had` so many that there are `typical` ones together.
+    pub(super) fn keeping(self, had: FrameBlocks, typical: usize, all: usize) -> FrameBlocks {
+        // For a few blocks the call costs more than they hold.
+        let most = if had.count() <= typical + SURPLUS { had.count() } else { typical };
+        let room = most.min(all).saturating_sub(self.count()) as u32;
+        let tail = had.tail.saturating_sub(self.tail).min(room);
+        let head = had.head.saturating_sub(self.head).min(room - tail);
+        FrameBlocks { head: self.head + head, tail: self.tail + tail }
     }
 
     /// How many there are.
@@ -104,9 +103,12 @@ mod tests {
         const ALL: u32 = 6;
         let all = || (0..=ALL).flat_map(|head| (0..=ALL - head).map(move |tail| FrameBlocks { head, tail }));
         for (needed, had) in all().flat_map(|needed| all().map(move |had| (needed, had))) {
-            let kept = needed.keeping(had, ALL as usize * BLOCK_BYTES);
-            assert!(kept.head >= needed.head && kept.tail >= needed.tail && kept.count() <= ALL as usize);
-            assert!(kept.head <= needed.head.max(had.head) && kept.tail <= needed.tail.max(had.tail));
+            for typical in 0..=ALL as usize + 1 {
+                let kept = needed.keeping(had, typical, ALL as usize);
+                assert!(kept.head >= needed.head && kept.tail >= needed.tail);
+                assert!(kept.head <= needed.head.max(had.head) && kept.tail <= needed.tail.max(had.tail));
+                assert!(kept.count() <= needed.count().max(typical + SURPLUS).min(ALL as usize));
+            }
         }
     }
 }

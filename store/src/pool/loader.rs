@@ -302,14 +302,12 @@ impl PoolState {
 
     /// Takes what a page needs of its frame, so many bytes at its begin and so many at its end.
     fn settle(&self, part: Part, ends: [usize; 2]) -> Result<()> {
-        let frame_bytes = self.arena.frame_bytes();
-        let needed = FrameBlocks::of(ends, frame_bytes);
+        let needed = FrameBlocks::of(ends, self.arena.frame_bytes());
         self.blocks[part.page as usize].store(needed.count() as u16, Ordering::Relaxed);
-        let had = lock(&self.clock).blocks(part.frame);
-        let blocks = needed.keeping(had, frame_bytes);
+        let [had, blocks] = lock(&self.clock).blocks(part.frame, needed);
         // SAFETY: as in `install`.
         unsafe { self.arena.release_middle(part.frame, had, blocks) };
-        let has_room = lock(&self.clock).settle(part.frame, blocks, &self.words, &self.arena);
+        let has_room = lock(&self.clock).settle(part.frame, [needed, blocks], &self.words, &self.arena);
         has_room.then_some(()).ok_or_else(|| {
             Error::new(Code::MemoryLimit, "no room for a page among those in use")
                 .at_place(format!("page {}", part.page))
