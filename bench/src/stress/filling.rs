@@ -23,7 +23,7 @@ fn rays(camera: &Camera, resolution: [u32; 2]) -> Option<impl Iterator<Item = Ra
 }
 
 /// The share of the view that is not empty.
-pub(super) fn coverage(camera: &Camera, voxels: &VoxelScene<'_>, resolution: [u32; 2]) -> f64 {
+fn coverage(camera: &Camera, voxels: &VoxelScene<'_>, resolution: [u32; 2]) -> f64 {
     let Some(rays) = rays(camera, resolution) else { return 0.0 };
     rays.filter(|ray| voxels.intersect(ray).is_some()).count() as f64 / f64::from(RAYS * RAYS)
 }

@@ -14,20 +14,23 @@
 //! The stream runs twice, since the JSON stands before the parts: once for their sizes, and once for what is in them.
 
 use super::window::WindowVertex;
-use super::{Draft, Job, WriteReport};
+use super::{Draft, Job, WriteReport, push};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::fmt::Write;
 use trex_store::cluster::{Colour, Normal, WHITE};
 use trex_store::srgb::linear_of;
 use trex_store::stated_lattice::comment;
-use trex_store::{Code, Error, Material, Result, TriangleBatch, TriangleSource};
+use trex_store::{Material, Result, TriangleBatch, TriangleSource};
 
-/// Most bytes of JSON for a part, and for a material beside its name.
-const PART_TEXT_BYTES: u64 = 1200;
-const MATERIAL_TEXT_BYTES: u64 = 900;
-/// Bytes for each triangle of a batch while its parts are made: its place, and three vertices with their indices.
-const TRIANGLE_BYTES: u64 = 400;
+/// A text that grows holds up to twice its content, and half of that again while it moves.
+const GROWTH: u64 = 3;
+/// Most bytes of JSON for a part, and for a material beside its name, of which a character takes six at most.
+const PART_TEXT_BYTES: u64 = 900 * GROWTH;
+const MATERIAL_TEXT_BYTES: u64 = 700 * GROWTH;
+const CHARACTER_BYTES: u64 = 6 * GROWTH;
+/// Bytes for each triangle of a batch while its parts are made: its place, and three vertices with their indices, in
+/// tables that grow.
+const TRIANGLE_BYTES: u64 = 600;
 /// Memory of the parts of a batch.
 pub(super) const BYTES: u64 = 2 * TriangleBatch::TARGET_TRIANGLES as u64 * TRIANGLE_BYTES;
 
@@ -92,8 +95,8 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     })?;
     let materials = source.materials();
     let names: usize = (0..materials.len()).map(|index| materials.name(index).len()).sum();
-    // A character of a name takes six at most.
-    lease.grow("materials as text", materials.len() as u64 * MATERIAL_TEXT_BYTES + 6 * names as u64)?;
+    let text_bytes = materials.len() as u64 * MATERIAL_TEXT_BYTES + names as u64 * CHARACTER_BYTES;
+    lease.grow("materials as text", text_bytes)?;
     let mut json = document(source, &parts);
     json.extend(std::iter::repeat_n(' ', json.len().next_multiple_of(4) - json.len()));
     let binary_bytes: u64 = parts.iter().map(PartFacts::bytes).sum();
@@ -114,21 +117,14 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
         triangle_count += part.facts.triangle_count as u64;
         match next.next() {
             Some(facts) if is_written(&part, facts) => write_part(&part, &mut draft),
-            _ => Err(changed(job)),
+            _ => Err(job.changed("the parts of the mesh have other sizes")),
         }
     })?;
     if next.next().is_some() {
-        return Err(changed(job));
+        return Err(job.changed("the parts of the mesh have other sizes"));
     }
     let bytes = draft.finish()?.publish()?;
     Ok(WriteReport { triangle_count, bytes })
-}
-
-fn changed(job: &Job) -> Error {
-    Error::new(Code::InputFormat, "the source gave other triangles when read again")
-        .at(job.path)
-        .numbers("the parts of the mesh have other sizes")
-        .next("do not change the input while it is read")
 }
 
 /// Hands all parts to `visit`, each time the same ones.
@@ -283,12 +279,12 @@ fn accessors(json: &mut String, part: &PartFacts, view: usize) {
         ),
     );
     if part.is_coloured {
-        let kind = format_args!("\"componentType\":{U16},\"normalized\":true,\"type\":\"VEC4\"").to_string();
+        let kind = format!("\"componentType\":{U16},\"normalized\":true,\"type\":\"VEC4\"");
         push(json, format_args!(",{{\"bufferView\":{view},\"byteOffset\":12,\"count\":{count},{kind}}}"));
     }
     if part.has_normals {
         let offset = part.vertex_bytes() - 12;
-        let kind = format_args!("\"componentType\":{F32},\"type\":\"VEC3\"").to_string();
+        let kind = format!("\"componentType\":{F32},\"type\":\"VEC3\"");
         push(
             json,
             format_args!(",{{\"bufferView\":{view},\"byteOffset\":{offset},\"count\":{count},{kind}}}"),
@@ -364,8 +360,4 @@ fn material(json: &mut String, name: &str, material: &Material) {
         );
     }
     json.push_str("}}");
-}
-
-fn push(text: &mut String, arguments: std::fmt::Arguments) {
-    text.write_fmt(arguments).expect("a String takes all text");
 }

@@ -22,6 +22,7 @@ pub use trex_store::output::ExistingOutput;
 
 use window::WindowVertex;
 
+use std::fmt::{self, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -162,6 +163,14 @@ impl Job<'_> {
         Ok(())
     }
 
+    /// The error of a source that gives something else when it runs again.
+    fn changed(&self, numbers: &str) -> Error {
+        Error::new(Code::InputFormat, "the source gave other triangles when read again")
+            .at(self.path)
+            .numbers(numbers)
+            .next("do not change the input while it is read")
+    }
+
     /// The error of a format that cannot hold this many of something.
     fn too_many(&self, what: &str, count: u64, most: u64) -> Error {
         Error::new(Code::Usage, format!("too many {what} for this format"))
@@ -169,6 +178,10 @@ impl Job<'_> {
             .numbers(format!("{count}, and {most} at most"))
             .next(self.options.too_large.clone())
     }
+}
+
+fn push(text: &mut String, arguments: fmt::Arguments) {
+    text.write_fmt(arguments).expect("a String takes all text");
 }
 
 /// A file that is not there yet.

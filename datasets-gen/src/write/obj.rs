@@ -5,9 +5,8 @@
 //! name first, so that an `.obj` never stands without its materials.
 
 use super::window::{Window, WindowEntry, WindowVertex};
-use super::{Draft, Job, WriteReport};
+use super::{Draft, Job, WriteReport, push};
 use std::collections::HashSet;
-use std::fmt::Write;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use trex_store::cluster::{Colour, Normal, WHITE};
 use trex_store::stated_lattice::comment;
@@ -206,8 +205,4 @@ impl MaterialWords {
 /// Without blanks and control characters, which would end a line or a word.
 fn one_word(name: &str) -> String {
     name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
-}
-
-fn push(text: &mut String, arguments: std::fmt::Arguments) {
-    text.write_fmt(arguments).expect("a String takes all text");
 }

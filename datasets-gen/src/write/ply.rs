@@ -8,7 +8,7 @@ use super::window::{Window, WindowEntry, WindowVertex};
 use super::{Draft, Job, WriteReport};
 use trex_store::cluster::{Normal, WHITE};
 use trex_store::stated_lattice::comment;
-use trex_store::{Code, Error, Result, TriangleSource};
+use trex_store::{Result, TriangleSource};
 
 /// What the first pass finds.
 struct Survey {
@@ -34,10 +34,8 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     write_vertices(source, job, &survey, &mut draft)?;
     let written = write_faces(source, job, &mut draft)?;
     if written != survey.triangle_count {
-        return Err(Error::new(Code::InputFormat, "the source gave other triangles when read again")
-            .at(job.path)
-            .numbers(format!("{} triangles, then {written}", survey.triangle_count))
-            .next("do not change the input while it is read"));
+        let numbers = format!("{} triangles, then {written}", survey.triangle_count);
+        return Err(job.changed(&numbers));
     }
     let bytes = draft.finish()?.publish()?;
     Ok(WriteReport { triangle_count: written, bytes })
