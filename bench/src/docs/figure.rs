@@ -124,6 +124,7 @@ pub(super) fn with_common_unit(texts: &[String]) -> String {
 enum Unit {
     Bytes,
     Milliseconds,
+    Nanoseconds,
     PerSecond,
     Count,
     Plain,
@@ -142,6 +143,8 @@ impl Unit {
                 Some(Unit::Bytes)
             } else if ends("ms") {
                 Some(Unit::Milliseconds)
+            } else if ends("ns") {
+                Some(Unit::Nanoseconds)
             } else if ends("per_s") || ends("per_core_s") {
                 Some(Unit::PerSecond)
             } else if ends("count") || part == "evictions" {
@@ -161,6 +164,7 @@ fn with_unit(number: f64, key: &str) -> String {
         Unit::Bytes => scaled(number, 1024.0, &["B", "KiB", "MiB", "GiB", "TiB"]),
         Unit::Milliseconds if number >= 1000.0 => scaled(number / 1000.0, f64::INFINITY, &["s"]),
         Unit::Milliseconds => scaled(number, f64::INFINITY, &["ms"]),
+        Unit::Nanoseconds => scaled(number, 1000.0, &["ns", "us", "ms", "s"]),
         Unit::PerSecond => scaled(number, 1000.0, &["/s", "k/s", "M/s", "G/s"]),
         Unit::Count => scaled(number, 1000.0, &["", "k", "M", "G"]),
         Unit::Plain => scaled(number, f64::INFINITY, &[""]),
@@ -197,6 +201,7 @@ mod tests {
             (67_108_864.0, "memory.peak_rss_bytes", "64.0 MiB"),
             (12.34, "phase_ms.scan", "12.3 ms"),
             (12_340.0, "time_ms", "12.3 s"),
+            (2_508_643_681.0, "g_stage.time_ns", "2.51 s"),
             (1_234_567.0, "rays_per_s.primary", "1.23 M/s"),
             (1_234_567.0, "primary.per_core_s", "1.23 M/s"),
             (5_000_000.0, "triangle_count", "5.00 M"),
