@@ -1,8 +1,12 @@
-//! Traversal: rays alone and in packets. One core.
+//! Traversal: rays alone and in packets; and the toll of a shadow ray by part. One core.
 //!
 //! ```text
 //! cargo bench -p trex-benches --bench traversal
-//! gen:isosurface -> build -> all its pages -> rays of a camera, along rows
+//! gen:isosurface, gen:pipes -> build -> all its pages -> rays of a camera, along rows
+//!                                                     -> rays from what these meet: each of the three does more
+//!   beside   goes away from the model's box          set-up
+//!   at once  ends where it begins, on a surface      and the way down to the leaves around it
+//!   shadow   goes on until it meets something        and the rest of the walk
 //! ```
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
@@ -10,19 +14,21 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Duration;
 use trex_bench::model::Model;
-use trex_render::{AllResident, Camera, PagedMesh, Ray, Tracer};
+use trex_render::{AllResident, Answer, Camera, PagedMesh, Ray, Tracer};
 use trex_store::build::Voxels;
 use trex_store::{Budget, PageFile};
 
 /// More than the nearest caches hold.
-const MODEL: &str = "gen:isosurface:200k";
+const MODELS: [(&str, &str); 2] = [("iso", "gen:isosurface:200k"), ("plant", "gen:pipes:200k")];
 /// Pixels along a side of the picture.
 const PICTURE_SIDE: u32 = 128;
 /// Passes over all tests.
 const SAMPLES: usize = 20;
+/// Direction of shadow rays: of unit length, along no axis.
+const SUN: [f64; 3] = [0.36, 0.8, 0.48];
 
-fn built() -> Arc<PageFile> {
-    let model = Model::for_bench(MODEL, Voxels::None, std::env::temp_dir());
+fn built(model: &str) -> Arc<PageFile> {
+    let model = Model::for_bench(model, Voxels::None, std::env::temp_dir());
     Arc::new(PageFile::open(&model.path, &Budget::unlimited()).expect("a page file"))
 }
 
@@ -35,28 +41,66 @@ fn rays(file: &PageFile) -> Vec<Ray> {
     pixels.map(|[x, y]| projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5)).collect()
 }
 
-fn traversal(criterion: &mut Criterion) {
-    let file = built();
-    let (pages, rays) = (AllResident::load(&file), rays(&file));
-    let mut group = criterion.benchmark_group("traversal");
-    group.sample_size(SAMPLES).measurement_time(Duration::from_secs(3));
+/// Rays from the surfaces that `rays` meet, just off them, in one direction: the three kinds of a shadow ray.
+fn tolls(file: &PageFile, mesh: &mut impl Tracer, rays: &[Ray]) -> [(&'static str, Vec<Ray>); 3] {
+    let bounds = file.superblock().bounds;
+    let size = (0..3).map(|a| bounds.hi[a] - bounds.lo[a]).fold(0.0f64, f64::max);
+    let shadow: Vec<Ray> = rays
+        .iter()
+        .filter_map(|ray| {
+            let Answer::Exact(Some(hit)) = mesh.intersect(ray) else { return None };
+            let towards = (0..3).map(|a| f64::from(hit.normal[a]) * ray.direction[a]).sum::<f64>();
+            let off = -1e-6 * size * towards.signum();
+            let at = |a: usize| ray.origin[a] + hit.t * ray.direction[a] + off * f64::from(hit.normal[a]);
+            Some(Ray { origin: [at(0), at(1), at(2)], direction: SUN, t_max: f64::INFINITY })
+        })
+        .collect();
+    let at_once = shadow.iter().map(|ray| Ray { t_max: 1e-9 * size, ..*ray }).collect();
+    let aside = |ray: &Ray| Ray { origin: [0, 1, 2].map(|a| ray.origin[a] + 4.0 * size * SUN[a]), ..*ray };
+    let beside = shadow.iter().map(aside).collect();
+    [("beside", beside), ("at once", at_once), ("shadow", shadow)]
+}
 
-    group.throughput(Throughput::Elements(rays.len() as u64));
-    let mut mesh = PagedMesh::new(&file, &pages);
-    let mut answers = Vec::with_capacity(rays.len());
-    group.bench_function(BenchmarkId::new("closest", "alone"), |bencher| {
-        bencher.iter(|| {
-            answers.clear();
-            answers.extend(rays.iter().map(|ray| mesh.intersect(black_box(ray))));
+fn traversal(criterion: &mut Criterion) {
+    for (name, model) in MODELS {
+        let file = built(model);
+        let (pages, rays) = (AllResident::load(&file), rays(&file));
+        let mut group = criterion.benchmark_group(format!("traversal/{name}"));
+        group.sample_size(SAMPLES).measurement_time(Duration::from_secs(3));
+
+        group.throughput(Throughput::Elements(rays.len() as u64));
+        let mut mesh = PagedMesh::new(&file, &pages);
+        let mut answers = Vec::with_capacity(rays.len());
+        group.bench_function(BenchmarkId::new("closest", "alone"), |bencher| {
+            bencher.iter(|| {
+                answers.clear();
+                answers.extend(rays.iter().map(|ray| mesh.intersect(black_box(ray))));
+            });
         });
-    });
-    group.bench_function(BenchmarkId::new("closest", "packets"), |bencher| {
-        bencher.iter(|| {
-            answers.clear();
-            mesh.intersect_coherent(black_box(&rays), &mut answers);
+        group.bench_function(BenchmarkId::new("closest", "packets"), |bencher| {
+            bencher.iter(|| {
+                answers.clear();
+                mesh.intersect_coherent(black_box(&rays), &mut answers);
+            });
         });
-    });
-    group.finish();
+        for (part, rays) in tolls(&file, &mut mesh, &rays) {
+            group.throughput(Throughput::Elements(rays.len() as u64));
+            let mut answers = Vec::with_capacity(rays.len());
+            group.bench_function(BenchmarkId::new(part, "alone"), |bencher| {
+                bencher.iter(|| {
+                    answers.clear();
+                    answers.extend(rays.iter().map(|ray| mesh.occluded(black_box(ray))));
+                });
+            });
+            group.bench_function(BenchmarkId::new(part, "packets"), |bencher| {
+                bencher.iter(|| {
+                    answers.clear();
+                    mesh.occluded_coherent(black_box(&rays), &mut answers);
+                });
+            });
+        }
+        group.finish();
+    }
 }
 
 criterion_group!(benches, traversal);

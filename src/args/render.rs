@@ -99,6 +99,9 @@ pub struct DeadlineArgs {
     /// What catches the eye [default: achanta]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "METRIC")]
     pub saliency: Option<SaliencyArg>,
+    /// Whether pages of the view that is likely to come next are read ahead, where there is room for them [default: on]
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
+    pub prefetch: Option<PrefetchArg>,
 }
 
 /// `--tile-order`.
@@ -112,6 +115,15 @@ pub enum TileOrderArg {
     Random,
     /// What catches the eye in the last picture
     Saliency,
+}
+
+/// `--prefetch`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PrefetchArg {
+    /// Where the hand moves to, and the view before once a picture is complete
+    On,
+    /// What rays wait for alone
+    Off,
 }
 
 /// `--saliency`.
@@ -157,6 +169,7 @@ impl DeadlineArgs {
             ("--fetch-block", self.fetch_block.is_some()),
             ("--tile-order", self.tile_order.is_some()),
             ("--saliency", self.saliency.is_some()),
+            ("--prefetch", self.prefetch.is_some()),
         ];
         flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
     }
@@ -172,6 +185,7 @@ impl DeadlineArgs {
             fills_while_moving: true,
             t_max: Duration::from_secs_f64(t_max.0 / 1e3),
             fetch_block: self.fetch_block.unwrap_or(defaults.fetch_block),
+            looks_ahead: self.prefetch.map_or(defaults.looks_ahead, |arg| arg == PrefetchArg::On),
             order: match self.tile_order {
                 Some(TileOrderArg::Zcurve) => TileOrder::ZCurve,
                 Some(TileOrderArg::Row) => TileOrder::Row,

@@ -199,3 +199,20 @@ fn views_that_jump_are_filled_by_the_model() {
     let placed = coverage("--scenario flip --camera-position 0,0,900 --camera-target 0,0,0");
     assert!(far < 0.6 && placed < 0.2, "{far} {placed}");
 }
+
+/// What the hand comes to is read before rays ask for it; with `off` nothing is.
+#[test]
+fn pages_of_a_flight_are_read_ahead_where_that_is_asked_for() {
+    let inside = folder();
+    built_in(inside.path(), "gen:isosurface:600k --voxels 64", "iso.trex");
+    for prefetch in ["on", "off"] {
+        let line = format!(
+            "stress iso.trex --scenario fly --switches 1 --hold 30000 --require frame.max=60000 {SMALL} --prefetch {prefetch}"
+        );
+        let document = document_in(inside.path(), &line);
+        let [issued, used, late, wasted] = ["issued", "used", "late", "wasted"]
+            .map(|key| document["pool"][format!("ahead_{key}")].as_u64().unwrap());
+        assert_eq!([issued > 0, used > 0], [prefetch == "on"; 2], "{:#}", document["pool"]);
+        assert!(used + late + wasted <= issued, "{:#}", document["pool"]);
+    }
+}

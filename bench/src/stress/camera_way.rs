@@ -62,9 +62,10 @@ pub(super) fn fly(views: &[Camera], index: u32) -> Camera {
     let between = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + part * (b[i] - a[i]));
     let position = between(from.position, to.position);
     let look = |camera: &Camera| unit(std::array::from_fn(|a| camera.target[a] - camera.position[a]));
-    // Views that look in opposite directions have a moment without one: the next view's is as good.
+    // Views that look in opposite directions have a moment without one, or with one that is up: the next view's is as good.
     let direction = between(look(from), look(to));
-    let direction = if length(direction) > 1e-3 { unit(direction) } else { look(to) };
+    let is_a_view = length(direction) > 1e-3 && length(cross(unit(direction), unit(to.up))) > 1e-2;
+    let direction = if is_a_view { unit(direction) } else { look(to) };
     let ahead = |camera: &Camera| length(std::array::from_fn(|a| camera.target[a] - camera.position[a]));
     let distance = ahead(from) + part * (ahead(to) - ahead(from));
     Camera { position, target: along(position, distance, direction), ..*to }
@@ -126,10 +127,11 @@ mod tests {
         assert!(steps(|event| fly(&views, event)).iter().all(|step| *step > 0.03 && *step < 0.1));
         // Round about on the spot, and one view alone: no step without a direction.
         let back = [view([0.0; 3], [1.0, 0.0, 0.0]), view([0.0; 3], [-1.0, 0.0, 0.0])];
-        for views in [&back[..], &back[..1]] {
+        let raised = [view([0.0; 3], [1.0, 0.1, 0.0]), view([0.0; 3], [-1.0, 0.1, 0.0])];
+        for views in [&back[..], &back[..1], &raised[..]] {
             for event in 0..WAY_EVENTS {
                 let camera = fly(views, event);
-                assert!(camera.target.iter().all(|x| x.is_finite()) && camera.target != camera.position);
+                assert!(camera.target != camera.position && camera.project([64, 64]).is_ok(), "{camera:?}");
             }
         }
     }

@@ -72,6 +72,11 @@ impl EventState {
         self.progress == FrameProgress::Done
     }
 
+    /// True when every pixel has a sample that was taken after the event.
+    pub(super) fn is_complete(&self) -> bool {
+        self.progress >= FrameProgress::Complete
+    }
+
     /// Notes that the tiles are put in order. True the first time.
     pub(super) fn note_order(&mut self) -> bool {
         !std::mem::replace(&mut self.is_ordered, true)

@@ -76,6 +76,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             None => FrameProgress::Part,
         };
         self.live.event.note_progress(progress);
+        if progress >= FrameProgress::Complete {
+            self.look_back();
+        }
         self.report(progress, pass, other)
     }
 
@@ -106,8 +109,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         // Where there is no time for a rough picture there is none for pages.
         let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
-        if ladder.is_moving() && is_rough || ladder.next(Turn::First, options.t_max).is_none() {
-            for tracer in tracers.iter_mut() {
+        let is_last = ladder.is_moving() && is_rough || ladder.next(Turn::First, options.t_max).is_none();
+        if self.look_where_it_moves() || is_last {
+            for tracer in &mut self.session.tracers {
                 tracer.request_missing();
             }
         }

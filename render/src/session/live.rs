@@ -34,6 +34,7 @@ mod tests;
 
 use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
+use super::foresight::Foresight;
 use super::ladder::Ladder;
 use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
@@ -55,6 +56,8 @@ pub struct FrameOptions {
     /// True when also pictures that are gone with the next event are filled in between their samples; else only the
     /// pixels of those are shown, until [`LiveSession::fill_preview`] is called or the hand rests.
     pub fills_while_moving: bool,
+    /// True when pages of the view that is likely to come next are read ahead, where there is room for them.
+    pub looks_ahead: bool,
 }
 
 impl Default for FrameOptions {
@@ -64,6 +67,7 @@ impl Default for FrameOptions {
             fetch_block: FetchBlock::default(),
             order: TileOrder::default(),
             fills_while_moving: true,
+            looks_ahead: true,
         }
     }
 }
@@ -94,6 +98,7 @@ pub(super) struct Live {
     pub(super) display: Display,
     pub(super) event: EventState,
     pub(super) tiles: TileRun,
+    pub(super) foresight: Foresight,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -113,6 +118,7 @@ impl<T: PagedTracer + Send> Session<T> {
             display: Display::in_lease(settings.resolution, leases.display),
             event: EventState::new(Instant::now(), 0, Ladder::new(false)),
             tiles: TileRun::new(options.fetch_block),
+            foresight: Foresight::default(),
         };
         let mut session = LiveSession { session: self, live };
         session.begin_state(Change::View);
@@ -126,10 +132,14 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// # Errors
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
+        let from = self.view.camera;
         let change = match event {
             Event::Settings(settings) => self.resettle_live(settings)?,
             event => self.session.change(event)?,
         };
+        if self.view.camera != from {
+            self.note_camera(from);
+        }
         if change != Change::Nothing {
             self.begin_state(change);
         }

@@ -18,6 +18,7 @@ mod change_parts;
 mod event;
 mod event_state;
 mod fetch_block;
+mod foresight;
 mod frame;
 mod frame_report;
 mod ladder;

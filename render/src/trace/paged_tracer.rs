@@ -19,6 +19,18 @@ pub trait PagedTracer: Tracer {
     /// second at most.
     fn set_patient(&mut self, _is_patient: bool) {}
 
+    /// From now on, or no more, rays are of a view to come: pages that they miss are asked for behind all others, by
+    /// [`PagedTracer::request_missing`], and count for nothing.
+    fn look_ahead(&mut self, _looks_ahead: bool) {}
+
+    /// No page is asked for ahead any more, with the next request.
+    fn forget_ahead(&mut self) {}
+
+    /// True while a page that rays of a view to come have missed may still come.
+    fn awaits_ahead(&self) -> bool {
+        false
+    }
+
     /// From now on, rays that look up a page once `stop` is due are Blocked: a single ray may cross millions of
     /// triangles. Whoever asks is to end on the same signal, or asks for ever.
     fn stop_by(&mut self, _stop: &StopSignal) {}
@@ -41,6 +53,6 @@ pub trait PagedTracer: Tracer {
     }
 
     /// Begins to count the pages asked for anew; what has been asked for and not yet begun to be read is not wanted any
-    /// more.
+    /// more, but what is asked for ahead.
     fn forget_demand(&mut self) {}
 }

@@ -6,7 +6,7 @@
 //! lets all go but the one it needs now.
 //!
 //! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a
-//! ray, whatever traced it, until the page has come or many later ones have been asked for; 3. once the work is to
+//! ray of what is shown, whatever traced it, until the page has come or many later ones have been asked for; 3. once the work is to
 //! stop, a ray looks up at most [`LOOK_UPS_UNASKED`] pages more, and waits for none.
 
 use super::PagedTracer;
@@ -14,7 +14,7 @@ use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use super::retry::WAIT;
 use super::seats::{Seat, Seats};
-use super::want_list::WantList;
+use super::want_list::{WANTS_MAX, WantList};
 use super::{OpenParts, Parts};
 use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
@@ -27,6 +27,8 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// Look-ups of pages from one question whether to stop to the next: less than a millisecond, however many triangles
 /// a ray meets in each.
 const LOOK_UPS_UNASKED: u32 = 32;
+/// Most pages that a worker asks for ahead.
+const AHEAD_MAX: usize = 256;
 
 /// Pages of a pool, pinned by one worker.
 pub struct PooledPages {
@@ -39,6 +41,10 @@ pub struct PooledPages {
     pins_max: usize,
     seat: Seat,
     wants: WantList,
+    /// Pages that rays of a view to come have missed, asked for behind all others.
+    ahead: Vec<Want>,
+    /// True while rays are of a view to come.
+    looks_ahead: bool,
     /// Pages asked for since demand was forgotten, a bit each.
     used: Vec<Cell<u64>>,
     epoch: u64,
@@ -61,6 +67,8 @@ impl PooledPages {
             pins_max,
             seat,
             wants: WantList::new(pool.page_count() as usize),
+            ahead: Vec::new(),
+            looks_ahead: false,
             used: vec![Cell::new(0); (pool.page_count() as usize).div_ceil(64)],
             epoch: pool.epoch(),
             is_patient: false,
@@ -73,7 +81,9 @@ impl PooledPages {
     pub fn bytes(page_count: usize, pins_max: usize) -> u64 {
         let table = 2 * page_count + page_count / 8;
         let pins = size_of::<OnceCell<PinToken>>() * pins_max.min(page_count);
-        (table + pins + WantList::bytes(page_count)) as u64
+        // The pages asked for ahead, and a list of all.
+        let ahead = (2 * AHEAD_MAX + WANTS_MAX) * size_of::<Want>();
+        (table + pins + WantList::bytes(page_count) + ahead) as u64
     }
 
     fn unpin_all(&mut self) {
@@ -86,9 +96,14 @@ impl PooledPages {
 
     /// Hands the want-list to the pool. Gives how many pages are on it.
     fn submit(&mut self) -> usize {
-        let PooledPages { pool, wants, seat, .. } = self;
+        let PooledPages { pool, wants, ahead, seat, .. } = self;
         let list = wants.hand_over(|page| is_awaited(pool, page));
-        pool.submit(seat.number(), list);
+        ahead.retain(|want| is_awaited(pool, want.page));
+        if ahead.is_empty() {
+            pool.submit(seat.number(), list);
+        } else {
+            pool.submit(seat.number(), &[list, ahead].concat());
+        }
         list.len()
     }
 
@@ -113,9 +128,9 @@ impl PooledPages {
     fn forget(&mut self) {
         self.used.fill(Cell::new(0));
         self.wants.clear();
-        // What is not wanted for two rounds is dropped.
+        // What is not wanted for two rounds is dropped; views to come are still to come.
         for _ in 0..2 {
-            self.pool.submit(self.seat.number(), &[]);
+            self.pool.submit(self.seat.number(), &self.ahead);
         }
     }
 
@@ -158,13 +173,16 @@ impl Pages for PooledPages {
             let pin = self.pins[place - 1].get().expect("it is pinned");
             return Some(Page::Ready(self.pool.frame(pin)));
         }
-        let used = &self.used[page as usize / 64];
-        used.set(used.get() | 1 << (page % 64));
+        if !self.looks_ahead {
+            let used = &self.used[page as usize / 64];
+            used.set(used.get() | 1 << (page % 64));
+        }
         let place = self.pin_count.get();
         if place >= self.pins_max {
             return None;
         }
-        let Some(token) = self.pool.try_pin(page) else {
+        let token = if self.looks_ahead { self.pool.try_pin_ahead(page) } else { self.pool.try_pin(page) };
+        let Some(token) = token else {
             let is_damaged = self.pool.is_damaged(page);
             return Some(if is_damaged { Page::Damaged } else { Page::Missing });
         };
@@ -179,7 +197,11 @@ impl Pages for PooledPages {
     }
 
     fn want(&mut self, page: u32) {
-        self.wants.add(page);
+        if !self.looks_ahead {
+            self.wants.add(page);
+        } else if self.ahead.len() < AHEAD_MAX && self.ahead.iter().all(|want| want.page != page) {
+            self.ahead.push(Want { page, weight: 0 });
+        }
     }
 }
 
@@ -206,6 +228,19 @@ impl PagedTracer for PagedMesh<PooledPages> {
 
     fn set_patient(&mut self, is_patient: bool) {
         self.pages_mut().is_patient = is_patient;
+    }
+
+    fn look_ahead(&mut self, looks_ahead: bool) {
+        self.pages_mut().looks_ahead = looks_ahead;
+    }
+
+    fn awaits_ahead(&self) -> bool {
+        let PooledPages { pool, ahead, .. } = self.pages();
+        ahead.iter().any(|want| is_awaited(pool, want.page))
+    }
+
+    fn forget_ahead(&mut self) {
+        self.pages_mut().ahead.clear();
     }
 
     fn stop_by(&mut self, stop: &StopSignal) {

@@ -72,6 +72,17 @@ pub(super) struct Clock {
     typical: usize,
     /// Pages that lost their frame.
     pub(super) evicted: u64,
+    /// Those of them that were read ahead, and that nobody had asked for.
+    pub(super) wasted: u64,
+}
+
+/// How the hand passes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Hand {
+    /// Pages lose a score each time.
+    Cools,
+    /// Pages that have a score left stay as they are.
+    TakesCold,
 }
 
 impl Clock {
@@ -89,6 +100,7 @@ impl Clock {
             lease,
             typical: 0,
             evicted: 0,
+            wasted: 0,
         }
     }
 
@@ -154,6 +166,28 @@ impl Clock {
         words: &[Word],
         arena: &FrameArena,
     ) -> Option<u32> {
+        self.take_by(Hand::Cools, page, blocks, (words, arena))
+    }
+
+    /// As [`Clock::take`], for a page that nobody waits for: of those that are there only the cold ones go, which nobody has
+    /// asked for since the hand came by.
+    pub(super) fn take_ahead(
+        &mut self,
+        page: u32,
+        blocks: usize,
+        words: &[Word],
+        arena: &FrameArena,
+    ) -> Option<u32> {
+        self.take_by(Hand::TakesCold, page, blocks, (words, arena))
+    }
+
+    fn take_by(
+        &mut self,
+        hand: Hand,
+        page: u32,
+        blocks: usize,
+        (words, arena): (&[Word], &FrameArena),
+    ) -> Option<u32> {
         if !self.pay_debt(words, arena) {
             return None;
         }
@@ -167,7 +201,7 @@ impl Clock {
                 self.ring.push(frame);
                 return Some(frame);
             }
-            let at = self.sweep(words)?;
+            let at = self.sweep(hand, words)?;
             let frame = self.ring[at];
             let held = &mut self.frames[frame as usize];
             let counted = blocks.max(held.counted as usize);
@@ -230,7 +264,7 @@ impl Clock {
             return true;
         }
         while self.used.max(self.promised(words)) > self.limit
-            && let Some(at) = self.sweep(words)
+            && let Some(at) = self.sweep(Hand::Cools, words)
         {
             self.release(at, arena);
         }
@@ -262,22 +296,26 @@ impl Clock {
     /// Evicts until so many blocks are free. False when nothing more can be evicted.
     fn make_room(&mut self, blocks: usize, words: &[Word], arena: &FrameArena) -> bool {
         while self.used + blocks > self.leased {
-            let Some(at) = self.sweep(words) else { return false };
+            let Some(at) = self.sweep(Hand::Cools, words) else { return false };
             self.release(at, arena);
         }
         true
     }
 
     /// Moves the hand until it has evicted a page. The position of its frame in the ring.
-    fn sweep(&mut self, words: &[Word]) -> Option<usize> {
+    fn sweep(&mut self, hand: Hand, words: &[Word]) -> Option<usize> {
         let count = self.ring.len();
         let mut busy_in_a_row = 0;
-        for _ in 0..count * 4 {
+        let rounds = if hand == Hand::Cools { 4 } else { 1 };
+        for _ in 0..count * rounds {
             let at = if self.hand < count { self.hand } else { 0 };
             self.hand = at + 1;
-            match words[self.frames[self.ring[at] as usize].owner as usize].cool() {
-                CoolOutcome::Evicted => {
+            let word = &words[self.frames[self.ring[at] as usize].owner as usize];
+            let outcome = if hand == Hand::Cools { word.cool() } else { word.take_cold() };
+            match outcome {
+                CoolOutcome::Evicted | CoolOutcome::Wasted => {
                     self.evicted += 1;
+                    self.wasted += u64::from(outcome == CoolOutcome::Wasted);
                     let asked = self.frames[self.ring[at] as usize].asked as usize;
                     self.typical = self.typical - self.typical / TYPICAL_ONE + asked;
                     return Some(at);

@@ -15,7 +15,7 @@
 //! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
 //! 4. A panic of one of these threads ends the pool: whoever waits is told (`failure.rs`), nobody idles.
 //! 5. Of pages that nobody waits for at most [`AHEAD_MOST`] reads are under way or wait for a decoder, and a decoder
-//!    leaves them, page by page, for those that somebody waits for.
+//!    leaves them, page by page, for those that somebody waits for. They get frames that nobody wants.
 //! 6. A failed read of several pages is repeated page by page: one bad sector costs one page.
 //! 7. A page that needs more of its frame than was expected, and finds no room, is read again when it is wanted again.
 //! 8. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
@@ -145,12 +145,24 @@ impl<'a> Loader<'a> {
         if weight == 0 && shared.ahead.load(Ordering::Acquire) >= AHEAD_MOST {
             return Fill::Nothing;
         }
-        let mut take = |page| clock.take(page, shared.blocks_of(page), &shared.words, &shared.arena);
-        let Some(frame) = shared.starved.try_twice(|| take(page)) else { return Fill::Starved };
-        if weight == 0 {
+        let is_ahead = weight == 0;
+        let mut take = |page| {
+            let (blocks, words, arena) = (shared.blocks_of(page), &shared.words, &shared.arena);
+            if is_ahead {
+                clock.take_ahead(page, blocks, words, arena)
+            } else {
+                clock.take(page, blocks, words, arena)
+            }
+        };
+        let frame = if is_ahead {
+            let Some(frame) = take(page) else { return Fill::Nothing };
             slot.is_ahead = true;
             shared.ahead.fetch_add(1, Ordering::AcqRel);
-        }
+            frame
+        } else {
+            let Some(frame) = shared.starved.try_twice(|| take(page)) else { return Fill::Starved };
+            frame
+        };
         let mut extent = shared.store.extent(page);
         shared.begin(&mut requests, slot, Part { page, frame });
 
@@ -214,6 +226,9 @@ impl PoolState {
         requests.take(part.page, part.frame, &self.words);
         let view = self.words[part.page as usize].view();
         count(&self.counters.pages_read);
+        if view.ahead {
+            count(&self.counters.ahead_issued);
+        }
         if view.generation != 0 {
             count(&self.counters.refaults);
         }

@@ -34,7 +34,7 @@ struct TwoPages {
 }
 
 fn use_page(shared: &TwoPages, page: usize) {
-    if shared.words[page].try_pin().is_some() {
+    if shared.words[page].try_pin(false).is_some() {
         // The frame holds this page's bytes for as long as it is pinned.
         shared.frame.with(|bytes| assert_eq!(read(bytes), page as u64));
         shared.words[page].unpin();
@@ -55,7 +55,7 @@ fn write(bytes: *mut u64, value: u64) {
 
 fn load(shared: &TwoPages, page: usize) {
     shared.words[page].enqueue().unwrap();
-    shared.words[page].begin_read(0);
+    shared.words[page].begin_read(0, false);
     shared.frame.with_mut(|bytes| write(bytes, page as u64));
     shared.words[page].install();
 }
@@ -223,10 +223,10 @@ fn loom_an_unpin_wakes_who_owes_frames() {
         clock.set_frames(2, &words, &arena).unwrap();
         for (page, word) in words.iter().enumerate() {
             word.enqueue().unwrap();
-            word.begin_read(clock.take(page as u32, 1, &words, &arena).unwrap());
+            word.begin_read(clock.take(page as u32, 1, &words, &arena).unwrap(), false);
             word.install();
         }
-        words[0].try_pin().unwrap();
+        words[0].try_pin(false).unwrap();
         let clock = Mutex::new(clock);
         let owing = Arc::new(FrameDebt {
             words,

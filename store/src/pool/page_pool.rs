@@ -314,6 +314,8 @@ impl PagePool {
         let clock = lock(&self.shared.clock);
         PoolStats {
             evictions: clock.evicted,
+            ahead_late: counts.late,
+            ahead_wasted: clock.wasted,
             frames: clock.live() as u64,
             pages: clock.owned() as u64,
             frames_owed: clock.owed() as u64,

@@ -125,9 +125,19 @@ impl PagePool {
         Pin { pool: self, token }
     }
 
+    /// Pins `page` if it is resident, for who looks ahead: no hit and no miss is counted, and a page that was read ahead
+    /// is still one that nobody has asked for.
+    pub fn try_pin_ahead(&self, page: u32) -> Option<PinToken> {
+        let before = self.shared.words[page as usize].try_pin(true)?;
+        Some(PinToken { page, frame: before.frame, pool: self.key() })
+    }
+
     pub(super) fn pin_uncounted(&self, page: u32) -> Option<PinToken> {
-        let frame = self.shared.words[page as usize].try_pin()?;
-        Some(PinToken { page, frame, pool: self.key() })
+        let before = self.shared.words[page as usize].try_pin(false)?;
+        if before.ahead {
+            count(&self.shared.counters.ahead_used);
+        }
+        Some(PinToken { page, frame: before.frame, pool: self.key() })
     }
 
     fn check_token(&self, token: &PinToken) {

@@ -44,6 +44,8 @@ pub(super) struct Requests {
 pub(super) struct RequestCounts {
     pub(super) dropped: u64,
     pub(super) refused: u64,
+    /// Asked for while they were read ahead.
+    pub(super) late: u64,
     pub(super) peak: u64,
 }
 
@@ -99,7 +101,11 @@ impl Requests {
     fn add(&mut self, want: &Want, bit: u64, words: &[Word]) {
         let word = &words[want.page as usize];
         match word.view().state {
-            PageState::Reading | PageState::Resident | PageState::Damaged => return,
+            PageState::Reading => {
+                self.counts.late += u64::from(want.weight > 0 && word.ask());
+                return;
+            }
+            PageState::Resident | PageState::Damaged => return,
             PageState::Absent if self.table.len() >= self.capacity => {
                 self.counts.refused += 1;
                 if !self.displace(want.weight, words) {
@@ -158,7 +164,7 @@ impl Requests {
     pub(super) fn take(&mut self, page: u32, frame: u32, words: &[Word]) {
         let request = self.table.remove(&page).expect("a page that is not queued");
         self.order.remove(&(request.weight, Reverse(page)));
-        words[page as usize].begin_read(frame);
+        words[page as usize].begin_read(frame, request.weight == 0);
     }
 
     /// Pages queued now.

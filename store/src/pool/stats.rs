@@ -28,6 +28,14 @@ pub struct PoolStats {
     pub pages_read: u64,
     /// Pages read that had been evicted before.
     pub refaults: u64,
+    /// Pages read ahead: nobody waited for them when they were begun.
+    pub ahead_issued: u64,
+    /// Those of them that were there when somebody first asked for them.
+    pub ahead_used: u64,
+    /// Those that somebody asked for while they were being read.
+    pub ahead_late: u64,
+    /// Those that lost their frame before anybody had asked for them.
+    pub ahead_wasted: u64,
     /// Wants that nobody had for two rounds.
     pub wants_dropped: u64,
     /// Wants that found the queue full.
@@ -66,6 +74,8 @@ pub(super) struct Counters {
     pub(super) reads_again: AtomicU64,
     pub(super) pages_read: AtomicU64,
     pub(super) refaults: AtomicU64,
+    pub(super) ahead_issued: AtomicU64,
+    pub(super) ahead_used: AtomicU64,
     pub(super) saturated: AtomicU64,
     pub(super) damaged: AtomicU64,
 }
@@ -100,6 +110,8 @@ impl Counters {
             read_retries: now(&self.read_retries) + now(&self.reads_again),
             pages_read: now(&self.pages_read),
             refaults: now(&self.refaults),
+            ahead_issued: now(&self.ahead_issued),
+            ahead_used: now(&self.ahead_used),
             saturated: now(&self.saturated),
             damaged: now(&self.damaged),
             ..PoolStats::default()

@@ -15,7 +15,7 @@ pub struct Want {
     /// The page.
     pub page: u32,
     /// How badly, greater first: blocked rays, saliency, projected error. 0: ahead, nobody waits for it; such pages get
-    /// what others leave of reads and of decoders.
+    /// what others leave of reads and of decoders, and frames that nobody wants.
     pub weight: u32,
 }
 

@@ -11,8 +11,8 @@
 //!     '-----------------------------------------------------------------'
 //!                 evict (pins = 0; frame taken back; generation + 1)
 //!
-//!   bits   63 .. 45     44 .. 21   20 .. 5   4 .. 3   2 .. 0
-//!          generation   frame      pins      score    state
+//!   bits   63 .. 46     45      44 .. 21   20 .. 5   4 .. 3   2 .. 0
+//!          generation   ahead   frame      pins      score    state
 //! ```
 //!
 //! Invariants
@@ -22,23 +22,26 @@
 //! 3. `install` releases what was written to the frame, `try_pin` acquires it; `unpin` releases what was read,
 //!    `cool` acquires that before the frame is given to another page. So a frame is never torn.
 //! 4. DAMAGED is final: nothing leaves it.
+//! 5. `ahead` is set in READING and RESIDENT only: the page was read before anybody waited for it, and nobody has asked for
+//!    it since.
 
 use super::sync::{AtomicU64, Ordering};
 
 const SCORE_SHIFT: u32 = 3;
 const PIN_SHIFT: u32 = 5;
 const FRAME_SHIFT: u32 = 21;
-const GENERATION_SHIFT: u32 = 45;
+const AHEAD_SHIFT: u32 = 45;
+const GENERATION_SHIFT: u32 = 46;
 const PIN_ONE: u64 = 1 << PIN_SHIFT;
 const GENERATION_MASK: u64 = (1 << (64 - GENERATION_SHIFT)) - 1;
 
 /// Most pins on one page. Beyond it `try_pin` says no.
 pub(super) const PINS_MAX: u64 = (1 << (FRAME_SHIFT - PIN_SHIFT)) - 1;
 /// Most frames of a pool: 1 TiB of 64 KiB.
-pub(super) const FRAMES_MAX: usize = 1 << (GENERATION_SHIFT - FRAME_SHIFT);
+pub(super) const FRAMES_MAX: usize = 1 << (AHEAD_SHIFT - FRAME_SHIFT);
 /// Best clock score: the hand passes three times before it takes the page.
 pub(super) const SCORE_MAX: u64 = 3;
-/// Score of a page that has come: somebody waits for it.
+/// Score of a page that has come, and that somebody waits for; 0 of others: they go first.
 pub(super) const SCORE_FIRST: u64 = 2;
 
 /// What a page is doing.
@@ -64,7 +67,9 @@ pub(super) struct View {
     pub(super) score: u64,
     pub(super) pins: u64,
     pub(super) frame: u32,
-    /// Evictions so far, modulo 2^19 without 0: not 0 once the page was evicted.
+    /// Read ahead, and not asked for since.
+    pub(super) ahead: bool,
+    /// Evictions so far, modulo 2^18 without 0: not 0 once the page was evicted.
     pub(super) generation: u64,
 }
 
@@ -82,6 +87,7 @@ impl View {
             score: bits >> SCORE_SHIFT & 3,
             pins: bits >> PIN_SHIFT & PINS_MAX,
             frame: (bits >> FRAME_SHIFT) as u32 & (FRAMES_MAX - 1) as u32,
+            ahead: bits >> AHEAD_SHIFT & 1 == 1,
             generation: bits >> GENERATION_SHIFT,
         }
     }
@@ -92,6 +98,7 @@ impl View {
             | self.score << SCORE_SHIFT
             | self.pins << PIN_SHIFT
             | u64::from(self.frame) << FRAME_SHIFT
+            | u64::from(self.ahead) << AHEAD_SHIFT
             | self.generation << GENERATION_SHIFT
     }
 }
@@ -101,7 +108,9 @@ impl View {
 pub(super) enum CoolOutcome {
     /// Evicted: the frame is the caller's.
     Evicted,
-    /// Its score went down by one.
+    /// Evicted, of a page that was read ahead and that nobody has asked for.
+    Wasted,
+    /// Its score went down by one; by [`Word::take_cold`] it stays as it is.
     Warm,
     /// Pinned, or being read: not to be touched.
     Busy,
@@ -121,15 +130,24 @@ impl Word {
         View::from_bits(self.0.load(Ordering::Acquire))
     }
 
-    /// Pins the page if it is resident and raises its score by one. Its frame.
-    pub(super) fn try_pin(&self) -> Option<u32> {
+    /// Pins the page if it is resident and raises its score by one. What it was before. Who looks ahead does not ask for it.
+    pub(super) fn try_pin(&self, looks_ahead: bool) -> Option<View> {
         let before = self.change(|view| {
             if view.state != PageState::Resident || view.pins == PINS_MAX {
                 return None;
             }
-            Some(View { pins: view.pins + 1, score: (view.score + 1).min(SCORE_MAX), ..view })
+            let (pins, score) = (view.pins + 1, (view.score + 1).min(SCORE_MAX));
+            Some(View { pins, score, ahead: view.ahead && looks_ahead, ..view })
         });
-        before.ok().map(|view| view.frame)
+        before.ok()
+    }
+
+    /// Somebody asks for a page that is being read. True when it is read ahead: it no longer is.
+    pub(super) fn ask(&self) -> bool {
+        let asked = self.change(|view| {
+            (view.state == PageState::Reading && view.ahead).then_some(View { ahead: false, ..view })
+        });
+        asked.is_ok()
     }
 
     /// Takes one pin back. True when it was the last.
@@ -155,12 +173,13 @@ impl Word {
         assert!(moved.is_ok(), "unqueue of a page that is {moved:?}");
     }
 
-    /// QUEUED to READING, into `frame`.
-    pub(super) fn begin_read(&self, frame: u32) {
+    /// QUEUED to READING, into `frame`; ahead, where nobody waits for it.
+    pub(super) fn begin_read(&self, frame: u32, ahead: bool) {
         let moved = self.advance(PageState::Queued, |view| View {
             state: PageState::Reading,
             frame,
             score: 0,
+            ahead,
             ..view
         });
         assert!(moved.is_ok(), "begin_read of a page that is {moved:?}");
@@ -170,7 +189,7 @@ impl Word {
     pub(super) fn install(&self) {
         let moved = self.advance(PageState::Reading, |view| View {
             state: PageState::Resident,
-            score: SCORE_FIRST,
+            score: if view.ahead { 0 } else { SCORE_FIRST },
             ..view
         });
         assert!(moved.is_ok(), "install of a page that is {moved:?}");
@@ -178,35 +197,54 @@ impl Word {
 
     /// READING to ABSENT: there was no room for the page. The frame is the caller's.
     pub(super) fn abandon(&self) {
-        let moved =
-            self.advance(PageState::Reading, |view| View { state: PageState::Absent, frame: 0, ..view });
+        let moved = self.advance(PageState::Reading, |view| View {
+            state: PageState::Absent,
+            frame: 0,
+            ahead: false,
+            ..view
+        });
         assert!(moved.is_ok(), "abandon of a page that is {moved:?}");
     }
 
     /// READING to DAMAGED. The frame is the caller's.
     pub(super) fn damage(&self) {
-        let moved =
-            self.advance(PageState::Reading, |view| View { state: PageState::Damaged, frame: 0, ..view });
+        let moved = self.advance(PageState::Reading, |view| View {
+            state: PageState::Damaged,
+            frame: 0,
+            ahead: false,
+            ..view
+        });
         assert!(moved.is_ok(), "damage of a page that is {moved:?}");
     }
 
     /// The clock hand passes: RESIDENT without pins loses one score, or at score 0 goes to ABSENT.
     pub(super) fn cool(&self) -> CoolOutcome {
+        self.pass(true)
+    }
+
+    /// A hand passes that leaves scores as they are: RESIDENT without pins at score 0 goes to ABSENT.
+    pub(super) fn take_cold(&self) -> CoolOutcome {
+        self.pass(false)
+    }
+
+    fn pass(&self, cools: bool) -> CoolOutcome {
         let before = self.change(|view| {
             if view.state != PageState::Resident || view.pins > 0 {
                 return None;
             }
             if view.score > 0 {
-                return Some(View { score: view.score - 1, ..view });
+                return Some(View { score: view.score - u64::from(cools), ..view });
             }
             Some(View {
                 state: PageState::Absent,
                 frame: 0,
+                ahead: false,
                 generation: next_generation(view.generation),
                 ..view
             })
         });
         match before {
+            Ok(view) if view.score == 0 && view.ahead => CoolOutcome::Wasted,
             Ok(view) if view.score == 0 => CoolOutcome::Evicted,
             Ok(_) => CoolOutcome::Warm,
             Err(_) => CoolOutcome::Busy,
@@ -236,7 +274,7 @@ fn next_generation(generation: u64) -> u64 {
     if generation == GENERATION_MASK { 1 } else { generation + 1 }
 }
 
-const _: () = assert!(GENERATION_SHIFT + 19 == 64 && FRAMES_MAX == 1 << 24 && PINS_MAX == 65_535);
+const _: () = assert!(GENERATION_SHIFT + 18 == 64 && FRAMES_MAX == 1 << 24 && PINS_MAX == 65_535);
 
 #[cfg(all(test, not(loom)))]
 mod tests;

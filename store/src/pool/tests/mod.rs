@@ -1,5 +1,6 @@
 //! The pool against a naive oracle: the page's content follows from its number, so every pinned frame can be checked.
 
+mod ahead;
 mod failure;
 mod limits;
 mod parts;

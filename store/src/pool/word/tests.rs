@@ -7,26 +7,32 @@ use proptest::prelude::*;
 enum Step {
     Enqueue,
     Unqueue,
-    BeginRead(u32),
+    BeginRead(u32, bool),
     Install,
     Abandon,
     Damage,
+    Ask,
     Pin,
+    LookAhead,
     Unpin,
     Cool,
+    TakeCold,
 }
 
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         2 => Just(Step::Enqueue),
         1 => Just(Step::Unqueue),
-        3 => (0..FRAMES_MAX as u32).prop_map(Step::BeginRead),
+        3 => (0..FRAMES_MAX as u32, any::<bool>()).prop_map(|(frame, ahead)| Step::BeginRead(frame, ahead)),
         3 => Just(Step::Install),
         1 => Just(Step::Abandon),
         1 => Just(Step::Damage),
-        6 => Just(Step::Pin),
+        1 => Just(Step::Ask),
+        4 => Just(Step::Pin),
+        2 => Just(Step::LookAhead),
         5 => Just(Step::Unpin),
         5 => Just(Step::Cool),
+        3 => Just(Step::TakeCold),
     ]
 }
 
@@ -36,18 +42,22 @@ fn model(page: View, step: Step) -> Option<View> {
     let page = match (step, page.state) {
         (Step::Enqueue, Absent) => View { state: Queued, ..page },
         (Step::Unqueue, Queued) => View { state: Absent, ..page },
-        (Step::BeginRead(frame), Queued) => View { state: Reading, frame, score: 0, ..page },
-        (Step::Install, Reading) => View { state: Resident, score: 2, ..page },
-        (Step::Abandon, Reading) => View { state: Absent, frame: 0, ..page },
-        (Step::Damage, Reading) => View { state: Damaged, frame: 0, ..page },
-        (Step::Pin, Resident) => View { pins: page.pins + 1, score: 3.min(page.score + 1), ..page },
+        (Step::BeginRead(frame, ahead), Queued) => View { state: Reading, frame, ahead, score: 0, ..page },
+        (Step::Install, Reading) => View { state: Resident, score: if page.ahead { 0 } else { 2 }, ..page },
+        (Step::Ask, Reading) => View { ahead: false, ..page },
+        (Step::Abandon, Reading) => View { state: Absent, frame: 0, ahead: false, ..page },
+        (Step::Damage, Reading) => View { state: Damaged, frame: 0, ahead: false, ..page },
+        (Step::Pin, Resident) => {
+            View { pins: page.pins + 1, score: 3.min(page.score + 1), ahead: false, ..page }
+        }
+        (Step::LookAhead, Resident) => View { pins: page.pins + 1, score: 3.min(page.score + 1), ..page },
         (Step::Unpin, Resident) if page.pins > 0 => View { pins: page.pins - 1, ..page },
         (Step::Cool, Resident) if page.pins == 0 && page.score > 0 => View { score: page.score - 1, ..page },
-        (Step::Cool, Resident) if page.pins == 0 => {
-            View { state: Absent, frame: 0, generation: page.generation + 1, ..page }
+        (Step::Cool | Step::TakeCold, Resident) if page.pins == 0 && page.score == 0 => {
+            View { state: Absent, frame: 0, ahead: false, generation: page.generation + 1, ..page }
         }
         // Steps that anybody may try at any time and that change nothing.
-        (Step::Enqueue | Step::Pin | Step::Cool, _) => page,
+        (Step::Enqueue | Step::Ask | Step::Pin | Step::LookAhead | Step::Cool | Step::TakeCold, _) => page,
         _ => return None,
     };
     Some(page)
@@ -63,20 +73,29 @@ proptest! {
             match step {
                 Step::Enqueue => prop_assert_eq!(word.enqueue().is_ok(), after != page),
                 Step::Unqueue => word.unqueue(),
-                Step::BeginRead(frame) => word.begin_read(frame),
+                Step::BeginRead(frame, ahead) => word.begin_read(frame, ahead),
                 Step::Install => word.install(),
                 Step::Abandon => word.abandon(),
                 Step::Damage => word.damage(),
-                Step::Pin => {
+                Step::Ask => prop_assert_eq!(word.ask(), after != page),
+                Step::Pin | Step::LookAhead => {
                     let is_resident = page.state == PageState::Resident;
-                    prop_assert_eq!(word.try_pin(), is_resident.then_some(page.frame));
+                    prop_assert_eq!(word.try_pin(matches!(step, Step::LookAhead)), is_resident.then_some(page));
                 }
                 Step::Unpin => prop_assert_eq!(word.unpin(), after.pins == 0),
-                Step::Cool => match word.cool() {
-                    CoolOutcome::Evicted => prop_assert!(page.pins == 0 && after.state == PageState::Absent),
-                    CoolOutcome::Warm => prop_assert_eq!(after.score + 1, page.score),
-                    CoolOutcome::Busy => prop_assert_eq!(after, page),
-                },
+                Step::Cool | Step::TakeCold => {
+                    let outcome = if matches!(step, Step::Cool) { word.cool() } else { word.take_cold() };
+                    match outcome {
+                        CoolOutcome::Evicted | CoolOutcome::Wasted => {
+                            prop_assert_eq!(outcome == CoolOutcome::Wasted, page.ahead);
+                            prop_assert!(page.pins == 0 && after.state == PageState::Absent);
+                        }
+                        CoolOutcome::Warm => {
+                            prop_assert_eq!(after.score + u64::from(matches!(step, Step::Cool)), page.score);
+                        }
+                        CoolOutcome::Busy => prop_assert_eq!(after, page),
+                    }
+                }
             }
             page = after;
             prop_assert_eq!(word.view(), page);
@@ -88,12 +107,12 @@ proptest! {
 fn pins_stop_at_the_maximum() {
     let word = Word::absent();
     word.enqueue().unwrap();
-    word.begin_read(3);
+    word.begin_read(3, false);
     word.install();
     for _ in 0..PINS_MAX {
-        word.try_pin().unwrap();
+        word.try_pin(false).unwrap();
     }
-    assert_eq!(word.try_pin(), None);
+    assert_eq!(word.try_pin(false), None);
     assert_eq!(word.view().frame, 3);
 }
 
