@@ -8,7 +8,7 @@ use super::texels::{Picture, PictureFault, Shrinker};
 use crate::import::ImportOptions;
 use jpeg_decoder::PixelFormat;
 use png::{Decoder, Limits, Transformations};
-use std::io::{BufRead, Read, Seek};
+use std::io::{self, BufRead, Read, Seek};
 
 /// Longest side of a picture that is read.
 const SIDE_MAX: u32 = 32_768;
@@ -37,7 +37,7 @@ pub(in crate::import) fn read<R: BufRead + Seek>(
         (Ok(()), [0x89, b'P', b'N']) => png(from, options),
         (Ok(()), [0xff, 0xd8, 0xff]) => jpeg(from, options),
         (Ok(()), _) => Err(PictureFault::Unread("neither PNG nor JPEG".to_owned())),
-        (Err(error), _) => Err(unread(&error)),
+        (Err(error), _) => Err(unread_by(&error)),
     }
 }
 
@@ -72,7 +72,7 @@ fn png<R: BufRead + Seek>(from: R, options: &ImportOptions) -> Result<Picture, P
 fn jpeg<R: Read>(from: R, options: &ImportOptions) -> Result<Picture, PictureFault> {
     let _fixed = options.budget.lease(LEASED, JPEG_FIXED_BYTES)?;
     let mut decoder = jpeg_decoder::Decoder::new(from);
-    decoder.read_info().map_err(|error| unread(&error))?;
+    decoder.read_info().map_err(|error| jpeg_fault(&error))?;
     let info = decoder.info().ok_or_else(|| PictureFault::Unread("it has no header".to_owned()))?;
     let size = checked([u32::from(info.width), u32::from(info.height)])?;
     let pixel_bytes = match info.pixel_format {
@@ -85,7 +85,7 @@ fn jpeg<R: Read>(from: R, options: &ImportOptions) -> Result<Picture, PictureFau
     let pixels = u64::from(size[0]) * u64::from(size[1]);
     let _pixels = options.budget.lease(LEASED, pixels * JPEG_PIXEL_BYTES)?;
     decoder.set_max_decoding_buffer_size((pixels * JPEG_PIXEL_BYTES) as usize);
-    let bytes = decoder.decode().map_err(|error| unread(&error))?;
+    let bytes = decoder.decode().map_err(|error| jpeg_fault(&error))?;
     let mut shrinker = Shrinker::new(size, options)?;
     for row in bytes.chunks_exact(size[0] as usize * pixel_bytes) {
         shrinker.row(row, pixel_bytes)?;
@@ -100,6 +100,21 @@ fn checked(size: [u32; 2]) -> Result<[u32; 2], PictureFault> {
             "{}x{} pixels, and a side of {SIDE_MAX} at most is read",
             size[0], size[1]
         ))),
+    }
+}
+
+/// What a decoder says of a file that is cut names its own buffer.
+fn unread_by(error: &io::Error) -> PictureFault {
+    match error.kind() {
+        io::ErrorKind::UnexpectedEof => PictureFault::Unread("it ends early".to_owned()),
+        _ => unread(error),
+    }
+}
+
+fn jpeg_fault(error: &jpeg_decoder::Error) -> PictureFault {
+    match error {
+        jpeg_decoder::Error::Io(error) => unread_by(error),
+        other => unread(other),
     }
 }
 
