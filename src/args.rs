@@ -176,6 +176,7 @@ mod tests {
     use super::*;
     use crate::values::{self, Input};
     use clap::ValueEnum;
+    use trex_render::UpAxis;
 
     fn parse(line: &str) -> Result<Verb, clap::Error> {
         Cli::try_parse_from(line.split_whitespace()).map(|cli| cli.verb)
@@ -210,14 +211,15 @@ mod tests {
         assert_eq!(args.picture.camera.camera_position, Some(values::Vec3([-1.0, -2.5, 3.0])));
         assert_eq!(args.layers, [Layer::Depth, Layer::Id]);
         assert!(parse("trex render m.trex -o m.png --fov-x 40 --fov-y 40").is_err());
-        for (line, up) in [("--up -Z", [0.0, 0.0, -1.0]), ("--up +y", [0.0, 1.0, 0.0])] {
+        for (line, up) in [("--up -Z", UpAxis::ZDown), ("--up +y", UpAxis::YUp), ("--up auto", UpAxis::Auto)]
+        {
             let line = format!("trex render m.trex -o m.png --camera-direction -1,0,0 {line}");
             let Verb::Render(args) = parse(&line).unwrap() else { panic!("not a render") };
-            assert_eq!(args.picture.camera.up.unwrap().unit(), up);
+            assert_eq!(args.picture.keys.edit().up, Some(up));
             assert_eq!(args.picture.camera.camera_direction, Some(values::Vec3([-1.0, 0.0, 0.0])));
         }
         assert!(parse("trex render m.trex -o m.png --camera-direction 0,0,0").is_err());
-        assert!(parse("trex render m.trex -o m.png --up +Y --camera-up 0,1,0").is_err());
+        assert!(parse("trex render m.trex -o m.png --up up").is_err());
         assert!(parse("trex render m.trex -o m.png --spp 0").is_err());
     }
 

@@ -50,7 +50,7 @@ pub use scene::exposure::Exposure;
 pub use scene::framing::{FramedView, up_axis};
 pub use scene::key::{Choice, Elsewhere, Key, KeyKind, KeyValue};
 pub use scene::keys;
-pub use scene::method::{Filter, LightRig, Method, Near, Shadows};
+pub use scene::method::{Filter, LightRig, Method, Near, Shadows, UpAxis};
 pub use scene::parse_views;
 pub use scene::part_keys::PartKeys;
 pub use scene::settings::{RenderKeys, RenderSettings};

@@ -10,8 +10,8 @@
 use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
-use trex_render::keys::{BAKE, EXPOSURE, K_NEAREST, KEYS, LIGHT, OCCLUDERS, RESOLUTION, SEED, SPP};
-use trex_render::{Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
+use trex_render::keys::{BAKE, EXPOSURE, K_NEAREST, KEYS, LIGHT, OCCLUDERS, RESOLUTION, SEED, SPP, UP};
+use trex_render::{Choice, Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
 
 /// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
 /// [`PictureKeys`] early, and [`ResearchKeys`] last.
@@ -124,6 +124,9 @@ fn arg(key: &'static Key) -> Arg {
         KeyKind::Length { .. } => arg.value_name("PX"),
         KeyKind::Factor => arg.value_name("auto|FACTOR"),
         KeyKind::Pair { .. } => arg.value_name("WxH"),
+        KeyKind::Choice(_) if key.name == UP.name => {
+            arg.value_name("+Y|+Z|...").allow_hyphen_values(true).ignore_case(true)
+        }
         KeyKind::Choice(_) => arg.value_name("NAME"),
         KeyKind::Flag => {
             arg.value_name("true|false").num_args(0..=1).require_equals(true).default_missing_value("true")
@@ -138,7 +141,15 @@ fn parser(key: &'static Key) -> ValueParser {
     };
     let names =
         choices.iter().map(|choice| PossibleValue::new(choice.name).help(choice.text).aliases(choice.alias));
-    let chosen = |name: String| KeyValue::Choice(key.choice(&name).expect("it is one of them").name);
+    // As it was typed, where case says nothing.
+    let is_meant = |choice: &&Choice, name: &str| {
+        choice.name.eq_ignore_ascii_case(name)
+            || choice.alias.is_some_and(|alias| alias.eq_ignore_ascii_case(name))
+    };
+    let chosen = move |name: String| {
+        let choice = choices.iter().find(|choice| is_meant(choice, &name));
+        KeyValue::Choice(choice.expect("it is one of them").name)
+    };
     ValueParser::new(PossibleValuesParser::new(names).map(chosen))
 }
 

@@ -99,7 +99,8 @@ pub struct DeadlineArgs {
     /// What catches the eye [default: achanta]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "METRIC")]
     pub saliency: Option<SaliencyArg>,
-    /// Whether pages of the view that is likely to come next are read ahead, where there is room for them [default: on]
+    /// Whether pages of the view that is likely to come next are read ahead, where there is room for them [default:
+    /// off]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
     pub prefetch: Option<PrefetchArg>,
 }
@@ -138,12 +139,14 @@ pub enum SaliencyArg {
 impl PictureArgs {
     /// What is given goes before what the scene says.
     pub fn override_scene(&self, research: &ResearchKeys, scene: &mut Scene) {
-        let CameraArgs { camera_position, camera_target, camera_up, up, camera_direction, fov_x, fov_y } =
+        let CameraArgs { camera_position, camera_target, camera_up, camera_direction, fov_x, fov_y } =
             &self.camera;
         let camera = &mut scene.camera;
         camera.position = camera_position.as_ref().map(|v| v.0).or(camera.position);
         camera.target = camera_target.as_ref().map(|v| v.0).or(camera.target);
-        camera.up = camera_up.as_ref().map(|v| v.0).or(up.map(Axis::unit)).or(camera.up);
+        // What is up in the model goes before what the scene's camera says.
+        let given_up = camera_up.as_ref().map(|v| v.0);
+        camera.up = given_up.or(camera.up.filter(|_| self.keys.edit().up.is_none()));
         if let Some(direction) = camera_direction {
             // The scene's camera gives way to one that looks so.
             (camera.position, camera.target, camera.direction) = (None, None, Some(direction.0));
@@ -206,18 +209,9 @@ pub struct CameraArgs {
     /// The point it looks at, model units
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     pub camera_target: Option<Vec3>,
-    /// Which way is up
+    /// Which way is up in the picture (--up says it of the model)
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     pub camera_up: Option<Vec3>,
-    /// Which way is up, as an axis
-    #[arg(
-        long,
-        value_name = "+Y|+Z|...",
-        conflicts_with = "camera_up",
-        allow_hyphen_values = true,
-        ignore_case = true
-    )]
-    pub up: Option<Axis>,
     /// The direction it looks in, from where all of the model is seen
     #[arg(long, value_name = "X,Y,Z", value_parser = values::direction, allow_hyphen_values = true,
           conflicts_with_all = ["camera_position", "camera_target"])]
@@ -228,37 +222,6 @@ pub struct CameraArgs {
     /// Field of view from bottom to top, degrees
     #[arg(long, value_name = "DEG", value_parser = values::degrees)]
     pub fov_y: Option<f64>,
-}
-
-/// `--up`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
-    #[value(name = "+X")]
-    XUp,
-    #[value(name = "-X")]
-    XDown,
-    #[value(name = "+Y")]
-    YUp,
-    #[value(name = "-Y")]
-    YDown,
-    #[value(name = "+Z")]
-    ZUp,
-    #[value(name = "-Z")]
-    ZDown,
-}
-
-impl Axis {
-    /// The direction.
-    pub fn unit(self) -> [f64; 3] {
-        match self {
-            Axis::XUp => [1.0, 0.0, 0.0],
-            Axis::XDown => [-1.0, 0.0, 0.0],
-            Axis::YUp => [0.0, 1.0, 0.0],
-            Axis::YDown => [0.0, -1.0, 0.0],
-            Axis::ZUp => [0.0, 0.0, 1.0],
-            Axis::ZDown => [0.0, 0.0, -1.0],
-        }
-    }
 }
 
 /// `--layers`.

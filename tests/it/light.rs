@@ -358,3 +358,27 @@ fn the_back_of_a_far_lamp_is_dark() {
         assert!(near > 150 * lamps && near < 200 * lamps && near.abs_diff(far) < 20 * lamps, "{near} {far}");
     }
 }
+
+/// The sun stood above y, whatever the model calls up. A cube that lies on its back, with up said, has the light of one
+/// that stands, from the same side; not said, it has not.
+#[test]
+fn the_sun_stands_where_up_is() {
+    let folder = folder();
+    let (corners, faces) = cube();
+    let lying: Vec<[f64; 3]> = corners.iter().map(|[x, y, z]| [*x, -z, *y]).collect();
+    let picture = |corners: &[[f64; 3]], camera: &str| {
+        write_obj(folder.path(), corners, &faces, "Kd 0.7 0.7 0.7");
+        document_in(folder.path(), "build m.obj -o m.trex --overwrite");
+        let line =
+            "render m.trex -o m.exr --overwrite --integrator direct --spp 64 --resolution 32x32 --fov-x 40";
+        document_in(folder.path(), &format!("{line} --camera-target 0,0,0 {camera}"));
+        red(&folder.path().join("m.exr"))
+    };
+    let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>() / 1024.0;
+    let standing = picture(&corners, "--camera-position 3,2,4 --camera-up 0,1,0");
+    let camera = "--camera-position 3,-4,2 --camera-up 0,0,1";
+    let said = picture(&lying, &format!("{camera} --up +z"));
+    let unsaid = picture(&lying, camera);
+    assert!(off(&standing, &said) < 0.01, "{}", off(&standing, &said));
+    assert!(off(&standing, &unsaid) > 0.05, "{}", off(&standing, &unsaid));
+}

@@ -13,7 +13,9 @@ use crate::state::{BoundsText, HitText, LightsText, LimitText, PickAnswer, Small
 use crate::surroundings::Room;
 use crate::texts;
 use crate::wire::BLOCK_SIDE;
-use trex_render::{Event, Exposure, LightRig, PagedTracer, Pick, RenderKeys, RenderSettings, up_axis};
+use trex_render::{
+    Event, Exposure, LightRig, Model, PagedTracer, Pick, RenderKeys, RenderSettings, View, up_axis,
+};
 use trex_store::{Code, Error, Result};
 
 /// Most pixels on a side of a picture that follows a page.
@@ -23,6 +25,11 @@ const PIXELS_MAX: u64 = 65_000 * (BLOCK_SIDE * BLOCK_SIDE) as u64;
 
 /// Where there is no memory for a picture, one whose sides are so much of its is tried.
 const SMALLER: [u32; 2] = [7, 8];
+
+/// Which way is up in the model.
+fn up_of(view: &View, model: &Model) -> [f64; 3] {
+    view.settings.up.direction().unwrap_or_else(|| up_axis(&model.bounds))
+}
 
 impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// Says all there is to say to who comes.
@@ -37,7 +44,6 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             smaller: Some(None),
             follows_page: Some(self.options.follows_page),
             bounds: Some(BoundsText { lo: model.bounds.lo, hi: model.bounds.hi }),
-            up: Some(up_axis(&model.bounds)),
             home: Some(camera),
             views: Some(views),
             keys: Some(KeyText::all()),
@@ -58,6 +64,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let session = self.session();
         let view = session.view();
         State {
+            up: Some(up_of(view, session.model())),
             size: Some(view.settings.resolution),
             camera: Some(CameraText::of(&view.camera, view.settings.resolution)),
             lights: Some(LightsText::of(&view.lights)),
@@ -213,12 +220,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
         let (room, exchange) = (self.room(settings), self.around.exchange);
         exchange(room, &mut || self.change_settings(settings))?;
-        self.frame_again(old.resolution, settings.resolution)?;
+        self.frame_again(&old, &settings)?;
         self.tone.set_exposure(settings.exposure.factor());
         self.shared.picture().forget();
         let (session, size) = (self.session(), settings.resolution);
-        let (view, home) = (session.view(), self.around.camera.camera(session.model(), size));
+        let (view, home) = (session.view(), self.around.camera.camera(session.model(), &settings));
         Ok(State {
+            up: Some(up_of(view, session.model())),
             size: Some(size),
             home: Some(CameraText::of(&home, size)),
             settings: Some(SettingsText::from(&*settings)),
@@ -227,12 +235,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         })
     }
 
-    /// Frames the model anew in a picture of another shape, where it is seen as it was at first.
-    fn frame_again(&mut self, old: [u32; 2], new: [u32; 2]) -> Result<()> {
+    /// Frames the model anew in a picture of another shape, or with another way up, where it is seen as it was at
+    /// first.
+    fn frame_again(&mut self, old: &RenderSettings, new: &RenderSettings) -> Result<()> {
         let keys = &self.around.camera;
-        let framed = |resolution| keys.camera(self.session().model(), resolution);
+        let framed = |settings| keys.camera(self.session().model(), settings);
         let (before, camera) = (framed(old), framed(new));
-        if old != new && self.session().view().camera == before {
+        if camera != before && self.session().view().camera == before {
             self.session_mut().apply(Event::Camera(camera))?;
         }
         Ok(())

@@ -161,7 +161,9 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
     use rand_pcg::rand_core::{Rng, SeedableRng};
     use std::path::Path;
-    use trex_render::{Exposure, Filter, LightRig, Method, Near, Occluders, RenderSettings, Scene, Shadows};
+    use trex_render::{
+        Exposure, Filter, LightRig, Method, Near, Occluders, RenderSettings, Scene, Shadows, UpAxis,
+    };
 
     #[test]
     fn a_scene_comes_back_as_it_was() {
@@ -241,6 +243,7 @@ mod tests {
         RenderKeys {
             integrator,
             light: pick(random, &[LightRig::Scene, LightRig::Studio]),
+            up: pick(random, &[UpAxis::Auto, UpAxis::YDown, UpAxis::ZUp]),
             resolution: [width, height],
             spp,
             n_shadow,

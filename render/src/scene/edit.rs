@@ -6,7 +6,7 @@
 use super::exposure::Exposure;
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, LightRig, Method, Near, Shadows};
+use super::method::{Filter, LightRig, Method, Near, Shadows, UpAxis};
 use super::settings::RenderKeys;
 use crate::voxel::Occluders;
 use serde::Deserialize;
@@ -42,14 +42,16 @@ impl Quality {
         }
     }
 
-    /// `keys` with all that trades time for accuracy as this says. Resolution, lamps, exposure and seed stay; so does
-    /// the error of the footprint rule with [`Quality::Normal`], since pictures and sessions differ in it.
+    /// `keys` with all that trades time for accuracy as this says. Resolution, lamps, what is up, exposure and seed
+    /// stay; so does the error of the footprint rule with [`Quality::Normal`], since pictures and sessions differ in
+    /// it.
     #[must_use]
     pub fn apply(self, keys: &RenderKeys) -> RenderKeys {
-        let RenderKeys { light, resolution, lod_error, exposure, seed, .. } = *keys;
+        let RenderKeys { light, up, resolution, lod_error, exposure, seed, .. } = *keys;
         let normal = RenderKeys {
             integrator: Method::Photon,
             light,
+            up,
             resolution,
             lod_error,
             exposure,
@@ -97,6 +99,7 @@ pub struct RenderEdit {
     pub quality: Option<Quality>,
     pub integrator: Option<Method>,
     pub light: Option<LightRig>,
+    pub up: Option<UpAxis>,
     pub resolution: Option<[u32; 2]>,
     pub spp: Option<u32>,
     pub n_shadow: Option<u32>,
@@ -150,6 +153,7 @@ impl RenderEdit {
         RenderKeys {
             integrator,
             light: self.light.unwrap_or(keys.light),
+            up: self.up.unwrap_or(keys.up),
             resolution: self.resolution.unwrap_or(keys.resolution),
             spp: self.spp.unwrap_or(keys.spp),
             n_shadow: self.n_shadow.unwrap_or(keys.n_shadow),

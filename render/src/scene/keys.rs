@@ -107,6 +107,22 @@ pub static LIGHT: Key = Key {
     text: "What gives light",
     ..OF_ALL
 };
+/// Which way is up.
+pub static UP: Key = Key {
+    name: "up",
+    title: "Up",
+    kind: KeyKind::Choice(&[
+        choice("auto", "As its box says", "+Y, unless the model is flat along Z alone"),
+        choice("+X", "+X", "Along X"),
+        choice("-X", "-X", "Against X"),
+        choice("+Y", "+Y", "Along Y"),
+        choice("-Y", "-Y", "Against Y"),
+        choice("+Z", "+Z", "Along Z"),
+        choice("-Z", "-Z", "Against Z"),
+    ]),
+    text: "Which way is up in the model: where its sun stands, if it has one, and how a camera that frames it is held",
+    ..OF_ALL
+};
 /// Width and height.
 pub static RESOLUTION: Key = Key {
     name: "resolution",
@@ -267,10 +283,11 @@ pub static SEED: Key = Key {
 };
 
 /// All of them, in the order in which they are listed.
-pub static KEYS: [&Key; 18] = [
+pub static KEYS: [&Key; 19] = [
     &QUALITY,
     &INTEGRATOR,
     &LIGHT,
+    &UP,
     &RESOLUTION,
     &SPP,
     &N_SHADOW,

@@ -160,6 +160,62 @@ impl LightRig {
     }
 }
 
+/// Which way is up in a model: where the sun of models without lights stands, and how a camera that frames the model is
+/// held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum UpAxis {
+    /// As the model's box says: [`crate::up_axis`].
+    #[default]
+    #[serde(rename = "auto")]
+    Auto,
+    /// Along x.
+    #[serde(rename = "+X")]
+    XUp,
+    /// Against x.
+    #[serde(rename = "-X")]
+    XDown,
+    /// Along y.
+    #[serde(rename = "+Y")]
+    YUp,
+    /// Against y.
+    #[serde(rename = "-Y")]
+    YDown,
+    /// Along z.
+    #[serde(rename = "+Z")]
+    ZUp,
+    /// Against z.
+    #[serde(rename = "-Z")]
+    ZDown,
+}
+
+impl UpAxis {
+    /// The name as typed.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            UpAxis::Auto => "auto",
+            UpAxis::XUp => "+X",
+            UpAxis::XDown => "-X",
+            UpAxis::YUp => "+Y",
+            UpAxis::YDown => "-Y",
+            UpAxis::ZUp => "+Z",
+            UpAxis::ZDown => "-Z",
+        }
+    }
+
+    /// The direction, of unit length; `None` where the model's box decides.
+    pub fn direction(self) -> Option<[f64; 3]> {
+        match self {
+            UpAxis::Auto => None,
+            UpAxis::XUp => Some([1.0, 0.0, 0.0]),
+            UpAxis::XDown => Some([-1.0, 0.0, 0.0]),
+            UpAxis::YUp => Some([0.0, 1.0, 0.0]),
+            UpAxis::YDown => Some([0.0, -1.0, 0.0]),
+            UpAxis::ZUp => Some([0.0, 0.0, 1.0]),
+            UpAxis::ZDown => Some([0.0, 0.0, -1.0]),
+        }
+    }
+}
+
 /// Smoothing of indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]

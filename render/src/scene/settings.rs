@@ -5,7 +5,7 @@
 use super::exposure::{AUTO, Exposure};
 use super::key::{Key, KeyValue};
 use super::keys;
-use super::method::{Filter, LightRig, Method, Near, Shadows};
+use super::method::{Filter, LightRig, Method, Near, Shadows, UpAxis};
 use crate::voxel::Occluders;
 use std::ops::Deref;
 use trex_store::Result;
@@ -17,6 +17,7 @@ use trex_store::Result;
 pub struct RenderKeys {
     pub integrator: Method,
     pub light: LightRig,
+    pub up: UpAxis,
     pub resolution: [u32; 2],
     pub spp: u32,
     pub n_shadow: u32,
@@ -39,6 +40,7 @@ impl Default for RenderKeys {
         RenderKeys {
             integrator: Method::Direct,
             light: LightRig::Scene,
+            up: UpAxis::Auto,
             resolution: [1024, 1024],
             spp: 16,
             n_shadow: 2,
@@ -61,10 +63,11 @@ impl Default for RenderKeys {
 
 impl RenderKeys {
     /// Each key with its value, in the order of the table.
-    pub fn values(&self) -> [(&'static Key, KeyValue); 17] {
+    pub fn values(&self) -> [(&'static Key, KeyValue); 18] {
         [
             (&keys::INTEGRATOR, KeyValue::Choice(self.integrator.as_str())),
             (&keys::LIGHT, KeyValue::Choice(self.light.as_str())),
+            (&keys::UP, KeyValue::Choice(self.up.as_str())),
             (&keys::RESOLUTION, KeyValue::Pair(self.resolution)),
             (&keys::SPP, KeyValue::Count(self.spp.into())),
             (&keys::N_SHADOW, KeyValue::Count(self.n_shadow.into())),

@@ -119,7 +119,7 @@ impl Scene {
         for (name, edit) in &self.materials {
             model.edit(model.material_index(name)?, edit)?;
         }
-        let camera = self.camera.camera(model, settings.resolution);
+        let camera = self.camera.camera(model, &settings);
         let parts = Arc::new(self.parts.parts(model)?);
         Ok(View { camera, lights: self.lights.clone(), settings, parts })
     }
@@ -175,16 +175,17 @@ impl Key {
 }
 
 impl CameraKeys {
-    /// The camera that these keys and the model's box make.
-    pub fn camera(&self, model: &Model, resolution: [u32; 2]) -> Camera {
+    /// The camera that these keys, the picture's, and the model's box make.
+    pub fn camera(&self, model: &Model, picture: &RenderKeys) -> Camera {
         let fov = self.fov_x.map(Fov::X).or(self.fov_y.map(Fov::Y));
-        let framing = FramedView { up: self.up, direction: self.direction, fov };
-        let framed = Camera::framing_along(&model.bounds, &model.outline, resolution, framing);
+        let up = self.up.or(picture.up.direction());
+        let framing = FramedView { up, direction: self.direction, fov };
+        let framed = Camera::framing_along(&model.bounds, &model.outline, picture.resolution, framing);
         Camera {
             position: self.position.unwrap_or(framed.position),
             target: self.target.unwrap_or(framed.target),
             // Straight from above it cannot be the one that was asked for.
-            up: self.up.filter(|_| self.position.is_some()).unwrap_or(framed.up),
+            up: up.filter(|_| self.position.is_some()).unwrap_or(framed.up),
             fov: framed.fov,
         }
     }

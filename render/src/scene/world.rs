@@ -167,7 +167,7 @@ impl World {
         let projection = view.camera.project(settings.resolution)?;
         let materials: Vec<Material> = model.materials.iter().map(|material| material.checked()).collect();
         // The default sun belongs to the model, so that it stands still while the camera moves.
-        let up = up_axis(&model.bounds);
+        let up = settings.up.direction().unwrap_or_else(|| up_axis(&model.bounds));
         let emitters = shown_emitters(&model.emitters, &view.parts);
         let lights = Lights::new(&view.lights, &emitters, &materials, up.into())?;
         let lights = match settings.light {

@@ -24,7 +24,8 @@ use trex_store::{Code, Error, Lease, Result};
 
 /// True when photons sent under one of the settings are those of the other.
 fn are_lit_alike(a: &RenderSettings, b: &RenderSettings) -> bool {
-    let light = |of: &RenderSettings| (of.integrator, of.light, of.photons, of.seed, of.occluders, of.bake);
+    let light =
+        |of: &RenderSettings| (of.integrator, of.light, of.up, of.photons, of.seed, of.occluders, of.bake);
     light(a) == light(b)
 }
 
