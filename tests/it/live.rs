@@ -207,7 +207,8 @@ fn pages_of_a_flight_are_read_ahead_where_that_is_asked_for() {
     built_in(inside.path(), "gen:isosurface:600k --voxels 64", "iso.trex");
     for prefetch in ["on", "off"] {
         let line = format!(
-            "stress iso.trex --scenario fly --switches 1 --hold 30000 --require frame.max=60000 {SMALL} --prefetch {prefetch}"
+            "stress iso.trex --scenario fly --switches 1 --hold 30000 --require frame.max=60000 {SMALL} \
+             --prefetch {prefetch}"
         );
         let document = document_in(inside.path(), &line);
         let [issued, used, late, wasted] = ["issued", "used", "late", "wasted"]

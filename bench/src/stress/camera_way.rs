@@ -62,7 +62,8 @@ pub(super) fn fly(views: &[Camera], index: u32) -> Camera {
     let between = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + part * (b[i] - a[i]));
     let position = between(from.position, to.position);
     let look = |camera: &Camera| unit(std::array::from_fn(|a| camera.target[a] - camera.position[a]));
-    // Views that look in opposite directions have a moment without one, or with one that is up: the next view's is as good.
+    // Views that look in opposite directions have a moment without one, or with one that is up: the next view's is as
+    // good.
     let direction = between(look(from), look(to));
     let is_a_view = length(direction) > 1e-3 && length(cross(unit(direction), unit(to.up))) > 1e-2;
     let direction = if is_a_view { unit(direction) } else { look(to) };

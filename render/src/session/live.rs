@@ -67,7 +67,7 @@ impl Default for FrameOptions {
             fetch_block: FetchBlock::default(),
             order: TileOrder::default(),
             fills_while_moving: true,
-            looks_ahead: true,
+            looks_ahead: false,
         }
     }
 }

@@ -24,6 +24,7 @@ mod frame_report;
 mod ladder;
 mod light;
 mod live;
+mod look_ahead;
 mod memory;
 mod parts;
 mod resettle;

@@ -6,8 +6,8 @@
 //! lets all go but the one it needs now.
 //!
 //! Invariants: 1. at most `pins_max` pages are pinned by this worker; 2. the want-list holds each page that blocked a
-//! ray of what is shown, whatever traced it, until the page has come or many later ones have been asked for; 3. once the work is to
-//! stop, a ray looks up at most [`LOOK_UPS_UNASKED`] pages more, and waits for none.
+//! ray of what is shown, whatever traced it, until the page has come or many later ones have been asked for; 3. once
+//! the work is to stop, a ray looks up at most [`LOOK_UPS_UNASKED`] pages more, and waits for none.
 
 use super::PagedTracer;
 use super::paged_mesh::PagedMesh;

@@ -169,8 +169,8 @@ impl Clock {
         self.take_by(Hand::Cools, page, blocks, (words, arena))
     }
 
-    /// As [`Clock::take`], for a page that nobody waits for: of those that are there only the cold ones go, which nobody has
-    /// asked for since the hand came by.
+    /// As [`Clock::take`], for a page that nobody waits for: of those that are there only the cold ones go, which
+    /// nobody has asked for since the hand came by.
     pub(super) fn take_ahead(
         &mut self,
         page: u32,

@@ -125,8 +125,8 @@ impl PagePool {
         Pin { pool: self, token }
     }
 
-    /// Pins `page` if it is resident, for who looks ahead: no hit and no miss is counted, and a page that was read ahead
-    /// is still one that nobody has asked for.
+    /// Pins `page` if it is resident, for who looks ahead: no hit and no miss is counted, and a page that was read
+    /// ahead is still one that nobody has asked for.
     pub fn try_pin_ahead(&self, page: u32) -> Option<PinToken> {
         let before = self.shared.words[page as usize].try_pin(true)?;
         Some(PinToken { page, frame: before.frame, pool: self.key() })

@@ -22,8 +22,8 @@
 //! 3. `install` releases what was written to the frame, `try_pin` acquires it; `unpin` releases what was read,
 //!    `cool` acquires that before the frame is given to another page. So a frame is never torn.
 //! 4. DAMAGED is final: nothing leaves it.
-//! 5. `ahead` is set in READING and RESIDENT only: the page was read before anybody waited for it, and nobody has asked for
-//!    it since.
+//! 5. `ahead` is set in READING and RESIDENT only: the page was read before anybody waited for it, and nobody has asked
+//!    for it since.
 
 use super::sync::{AtomicU64, Ordering};
 
@@ -130,7 +130,8 @@ impl Word {
         View::from_bits(self.0.load(Ordering::Acquire))
     }
 
-    /// Pins the page if it is resident and raises its score by one. What it was before. Who looks ahead does not ask for it.
+    /// Pins the page if it is resident and raises its score by one. What it was before. Who looks ahead does not ask
+    /// for it.
     pub(super) fn try_pin(&self, looks_ahead: bool) -> Option<View> {
         let before = self.change(|view| {
             if view.state != PageState::Resident || view.pins == PINS_MAX {

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# What reading ahead is worth: a hand that moves and views that jump, with it and without, in turns, on four kinds of model, each
+# run a record of its own. An hour of a quiet machine; page files that are missing are built first.
+#
+#   bench/ahead.sh WORK_FOLDER [ROUNDS]
+set -euo pipefail
+work=$(realpath "${1:?usage: bench/ahead.sh WORK_FOLDER [ROUNDS]}")
+rounds=${2:-10}
+cd "$(dirname "$0")/.."
+root=$PWD
+cargo build --release -q -p trex -p trex-bench
+source bench/record.sh
+cd "$work"
+models=$root/../shared/models
+
+for kind in isosurface pipes scan; do
+    [ -e $kind-100m.trex ] || "$trex" build gen:$kind:100M -o $kind-100m.trex --memory-limit 2GiB --render-limit 128MiB --progress none
+done
+if [ -d "$models" ] && [ ! -e kicad-grid.trex ]; then
+    cp "$models/cad/kicad_1m.mtl" .
+    awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
+    "$trex" build kicad-grid.obj -o kicad-grid.trex --memory-limit 2GiB --render-limit 128MiB --progress none
+    rm kicad-grid.obj
+fi
+
+# judged SCENARIO ARGUMENTS...: both ways in turns, on each model.
+judged() {
+    local scenario=$1
+    shift
+    for model in pipes-100m isosurface-100m scan-100m kicad-grid; do
+        [ -e $model.trex ] || continue
+        local name=${model%-100m} files=()
+        [[ $scenario != fly ]] || files=(--references "$scenario-$name.references")
+        for round in $(seq "$rounds"); do
+            for way in $( ((round % 2)) && echo off on || echo on off); do
+                record "ahead-$scenario-$name-$way" stress $model.trex --scenario "$scenario" --memory-limit 256MiB \
+                    --resolution 512x512 --prefetch "$way" "$@" "${files[@]}" || true
+            done
+        done
+    done
+}
+judged fly --switches 1 --reference-spp 16
+judged drag --switches 1
+judged teleport --switches 20
+judged flip --switches 20
+"$root/target/release/trex-bench" --root "$root" docs
