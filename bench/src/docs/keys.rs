@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn each_key_has_a_row_with_its_range() {
         let table = render();
-        assert_eq!(table.lines().count(), 20);
+        assert_eq!(table.lines().count(), 21);
         let photons = table.lines().find(|line| line.starts_with("| `photons` ")).unwrap();
         for word in
             ["`photon`, `full-gi`", "1 to 2^40; full-gi: 2^30", "`1048576`; `view`, `stress`: `2097152`"]

@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn defaults_are_those_of_a_scene_that_says_nothing() {
         let words =
-            "normal photon scene 1024x1024 16 2 2 1048576 50 false false contact mesh on 0.0 on 1.0 1";
+            "normal photon scene auto 1024x1024 16 2 2 1048576 50 false false contact mesh on 0.0 on 1.0 1";
         let default = |key: &&'static Key| match key.default_value() {
             KeyValue::Pair([width, height]) => format!("{width}x{height}"),
             KeyValue::Choice(name) => name.to_owned(),

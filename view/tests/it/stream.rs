@@ -28,7 +28,7 @@ fn a_page_gets_the_picture_as_the_command_line_makes_it_and_then_nothing() {
     assert_eq!(welcome["model"]["triangle_count"], 7200);
     let recipe = welcome["command"].as_str().unwrap();
     assert!(recipe.starts_with("Opened") && recipe.contains("resolution: [160, 120]"), "{recipe}");
-    assert_eq!(welcome["keys"].as_array().unwrap().len(), 18);
+    assert_eq!(welcome["keys"].as_array().unwrap().len(), 19);
     assert_eq!(welcome["sides"], json!([16, 16_384]));
     let first = page.frame();
     assert_eq!((first.kind, first.blocks.len() as u32), (1, first.blocks_in_all()));
