@@ -12,6 +12,7 @@
 //! Invariants: 1. nothing of these rays is on the film or the display, so no picture depends on them; 2. where pages in
 //! demand approach those that find room together, nothing is asked for.
 
+use super::live::Live;
 use super::{LiveSession, Session};
 use crate::scene::camera::{Camera, Projection};
 use crate::trace::{PagedTracer, Ray};
@@ -35,7 +36,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
 
     /// Looks at the view before, once what was missing there has come, and asks for what is missing still.
     pub(super) fn look_back(&mut self) {
-        if self.live.foresight.is_done || self.session.tracers.iter().any(PagedTracer::awaits_ahead) {
+        let Live { options, foresight, .. } = &self.live;
+        let awaits = self.session.tracers.iter().any(PagedTracer::awaits_ahead);
+        if !options.looks_ahead || foresight.is_done || awaits {
             return;
         }
         let camera = self.live.foresight.before.filter(|_| self.may_look_ahead());
