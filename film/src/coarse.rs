@@ -24,14 +24,18 @@
 //! Exact samples of tiles replace those of the grid (`exact.rs`), and are smoothed as they are. What the preview has
 //! smoothed already stays as it is beside them, and counts as their neighbour.
 
+mod carry;
 mod cells;
 mod corners;
 mod exact;
+mod history;
 mod neighbours;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
 pub(crate) use self::corners::{CornersOf, TileCorners};
+use self::history::History;
+pub use self::history::Reprojection;
 use self::neighbours::Neighbours;
 use self::surface::{Surface, SurfaceRows};
 use super::film::LayerPixel;
@@ -67,6 +71,8 @@ pub(super) struct Coarse {
     light: Vec<f32>,
     /// Room for the passes; empty until it is wanted.
     work: Vec<f32>,
+    /// The picture before; `None` where there is no room for it.
+    history: Option<History>,
 }
 
 /// The samples that a picture is made of: every `stride`-th of every `stride`-th row of those kept.
@@ -104,6 +110,21 @@ fn work_count(resolution: [u32; 2]) -> usize {
     STEPS.into_iter().map(|step| 3 * sets(step) * sample_count(resolution, step)).max().unwrap_or(0)
 }
 
+/// Where in the work the light of the samples at every `step`-th pixel is, once it is smoothed: after an odd number of
+/// passes.
+fn smoothed_place(resolution: [u32; 2], step: u32) -> Range<usize> {
+    let numbers = 3 * sample_count(resolution, step);
+    let first = if step == KEPT_STEP { 0 } else { numbers };
+    first..first + numbers
+}
+
+fn planes_mut(light: &mut [f32]) -> [&mut [f32]; 3] {
+    let count = light.len() / 3;
+    let (red, rest) = light.split_at_mut(count);
+    let (green, blue) = rest.split_at_mut(count);
+    [red, green, blue]
+}
+
 fn planes(light: &[f32]) -> Planes<'_> {
     let count = light.len() / 3;
     [0, 1, 2].map(|c| &light[c * count..][..count])
@@ -125,7 +146,7 @@ impl Coarse {
     pub(super) fn new(resolution: [u32; 2]) -> Coarse {
         let count = sample_count(resolution, KEPT_STEP);
         let surfaces = vec![Surface::new(&LayerPixel::NOTHING); count];
-        Coarse { resolution, surfaces, light: vec![0.0; 3 * count], work: Vec::new() }
+        Coarse { resolution, surfaces, light: vec![0.0; 3 * count], work: Vec::new(), history: None }
     }
 
     /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
@@ -170,7 +191,7 @@ impl Coarse {
         if self.work.is_empty() {
             self.work = vec![0.0; work_count(self.resolution)];
         }
-        let Coarse { resolution, surfaces, light, work } = self;
+        let Coarse { resolution, surfaces, light, work, .. } = self;
         let picked = SampleGrid { is_fixed, ..SampleGrid::new(surfaces, *resolution, step) };
         let numbers = 3 * picked.count();
         let (mut from, mut to) = if step == KEPT_STEP {
@@ -195,11 +216,10 @@ impl Coarse {
 
     /// The samples at every `step`-th pixel that were smoothed last, and their light.
     fn smoothed(&self, step: u32) -> (SampleGrid<'_>, Planes<'_>) {
-        let picked = SampleGrid::new(&self.surfaces, self.resolution, step);
-        let numbers = 3 * picked.count();
-        // After an odd number of passes.
-        let first = if step == KEPT_STEP { 0 } else { numbers };
-        (picked, planes(&self.work[first..][..numbers]))
+        // Until the next picture is made that is the one before, if that has been taken for it.
+        let surfaces = self.history.as_ref().and_then(History::surfaces_on_show).unwrap_or(&self.surfaces);
+        let picked = SampleGrid::new(surfaces, self.resolution, step);
+        (picked, planes(&self.work[smoothed_place(self.resolution, step)]))
     }
 
     /// Makes a picture of the samples that were smoothed, at every `step`-th pixel; of the finest step with what is
@@ -223,7 +243,7 @@ impl Coarse {
         let (step, width) = (step as usize, self.resolution[0] as usize);
         let pixels = radiance.chunks_mut(width).step_by(step).flat_map(|row| row.iter_mut().step_by(step));
         for ((at, kept_at), pixel) in picked.places().enumerate().zip(pixels) {
-            let albedo = self.surfaces[kept_at].albedo();
+            let albedo = picked.surfaces[kept_at].albedo();
             *pixel = PackedLight::new([0, 1, 2].map(|c| light[c][at] * albedo[c]));
         }
     }

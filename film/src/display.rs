@@ -19,7 +19,7 @@ mod shrinkage;
 #[cfg(test)]
 mod tests;
 
-use super::coarse::{Coarse, STEPS, TileCorners};
+use super::coarse::{Coarse, Reprojection, STEPS, TileCorners};
 use super::film::{Film, LayerPixel};
 use super::filter::filter_bytes;
 use super::packed::{PackedLight, luminance};
@@ -105,12 +105,16 @@ pub struct Display {
     coarse: Coarse,
     /// The state of the first rays on show and the step of their grid; `None` before the first picture.
     shown: Option<(u32, u32)>,
+    /// It was shown after the last event.
+    is_fresh: bool,
     /// Per tile; says nothing before the first picture.
     standings: Vec<TileWorth>,
     /// Only the pixels of samples show it yet.
     is_sparse: bool,
     refreshes: u32,
     lease: Lease,
+    /// Of the picture before, if it is kept.
+    history_lease: Option<Lease>,
 }
 
 impl Display {
@@ -135,10 +139,12 @@ impl Display {
             radiance,
             coarse: Coarse::new(resolution),
             shown: None,
+            is_fresh: false,
             standings: vec![TileWorth::of_preview(0); tile_count(resolution) as usize],
             is_sparse: false,
             refreshes: 0,
             lease,
+            history_lease: None,
         }
     }
 
@@ -146,6 +152,17 @@ impl Display {
     pub fn release_work(&mut self, pool: &ThreadPool) {
         self.fill(pool);
         self.coarse.release_work();
+    }
+
+    /// Bytes that the picture before takes beside one of `resolution`.
+    pub fn history_bytes(resolution: [u32; 2]) -> u64 {
+        Coarse::history_bytes(resolution)
+    }
+
+    /// Keeps the picture before from now on, in a lease of [`Display::history_bytes`], or none.
+    pub fn keep_history(&mut self, lease: Option<Lease>) {
+        self.coarse.keep_history(lease.is_some());
+        (self.history_lease, self.is_fresh) = (lease, false);
     }
 
     /// The lease of its memory.
@@ -203,7 +220,8 @@ impl Display {
     /// Makes the picture anew with the light of the exact samples on `film`, whose tiles have all been learned; does
     /// nothing where it shows another state or no picture of the finest grid.
     pub fn refresh(&mut self, film: &Film, pool: &ThreadPool) {
-        if self.shown != Some((film.state(), STEPS[STEPS.len() - 1])) {
+        let step = STEPS[STEPS.len() - 1];
+        if self.shown != Some((film.state(), step)) {
             return;
         }
         let is_exact = |index: u32| film.tile_samples(index) > 0;
@@ -211,6 +229,7 @@ impl Display {
         let corners = |index: u32| is_exact(index).then(|| standings[index as usize].corners);
         self.coarse.take_light(film, &corners, pool);
         self.coarse.smooth_exact(&|index| !is_exact(index), pool);
+        self.coarse.carry(step, None, pool);
         self.is_sparse = true;
         self.fill(pool);
         let Display { resolution, radiance, standings, .. } = self;
@@ -224,6 +243,7 @@ impl Display {
                 },
             );
         });
+        self.is_fresh = true;
         self.refreshes = self.refreshes.wrapping_add(1);
     }
 
@@ -254,6 +274,22 @@ impl Display {
         self.shown.map(|(_, step)| step)
     }
 
+    /// The camera moves: what is on show is from now on the picture before. False where nothing was shown since the
+    /// last event: the picture before stays what it is.
+    pub fn remember(&mut self) -> bool {
+        let is_fresh = std::mem::take(&mut self.is_fresh);
+        if let Some((_, step)) = self.shown.filter(|_| is_fresh) {
+            self.coarse.remember(step);
+        }
+        is_fresh
+    }
+
+    /// Something else than the camera changes: no light of before is right.
+    pub fn forget(&mut self) {
+        self.is_fresh = false;
+        self.coarse.forget();
+    }
+
     /// Radiance on show from pixel (x, y) on, by rows, linear RGB.
     pub fn radiances(&self, [x, y]: [u32; 2]) -> impl Iterator<Item = [f32; 3]> {
         let first = y as usize * self.resolution[0] as usize + x as usize;
@@ -267,9 +303,16 @@ impl Display {
 
     /// Shows the samples at every `step`-th pixel, all of which are of `state`; where `is_sparse` at their own pixels
     /// alone, for the time being.
-    pub fn show(&mut self, state: u32, step: u32, is_sparse: bool, pool: &ThreadPool) {
+    pub fn show(
+        &mut self,
+        (state, step): (u32, u32),
+        is_sparse: bool,
+        reprojection: Option<&dyn Reprojection>,
+        pool: &ThreadPool,
+    ) {
         self.coarse.smooth(step, pool);
-        (self.shown, self.is_sparse) = (Some((state, step)), true);
+        self.coarse.carry(step, reprojection, pool);
+        (self.shown, self.is_sparse, self.is_fresh) = (Some((state, step)), true, true);
         self.standings.fill(TileWorth::of_preview(state));
         if is_sparse {
             self.coarse.set_samples(step, &mut self.radiance);

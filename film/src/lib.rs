@@ -38,7 +38,7 @@ mod testing;
 mod tests;
 mod tile;
 
-pub use coarse::{STEPS, grid_size};
+pub use coarse::{Reprojection, STEPS, grid_size};
 pub use display::Display;
 pub use encode::{Image, Strips, encoder_bytes, write_exr, write_exr_strips, write_png, write_png_strips};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes, portion_bytes};

@@ -74,7 +74,7 @@ fn a_display_takes_what_is_leased_for_it() {
                         display.set([x, y], Vec3::ONE, &SEEN);
                     }
                 }
-                display.show(0, step, false, &threads);
+                display.show((0, step), false, None, &threads);
             }
         });
         let leased = Display::bytes(resolution);
@@ -85,7 +85,8 @@ fn a_display_takes_what_is_leased_for_it() {
         assert!(freed > 0 && shown.bytes_current as u64 - freed + others <= leased, "{resolution:?}");
         // What was on show stays, and the next picture has its work again.
         assert!((display.radiances([0, 0]).next().unwrap()[0] - 1.0).abs() < 1e-3);
-        let again = taken(&threads, || display.show(0, STEPS[0], false, &threads)).bytes_current as u64;
+        let again =
+            taken(&threads, || display.show((0, STEPS[0]), false, None, &threads)).bytes_current as u64;
         assert_eq!(again, freed, "{resolution:?}");
     }
 }

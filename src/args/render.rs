@@ -103,6 +103,10 @@ pub struct DeadlineArgs {
     /// off]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
     pub prefetch: Option<PrefetchArg>,
+    /// Whether the light of the picture before is carried to where its surfaces are seen when the camera moves [default:
+    /// on]
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
+    pub history: Option<HistoryArg>,
 }
 
 /// `--tile-order`.
@@ -124,6 +128,15 @@ pub enum PrefetchArg {
     /// Where the hand moves to, and the view before once a picture is complete
     On,
     /// What rays wait for alone
+    Off,
+}
+
+/// `--history`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum HistoryArg {
+    /// First looks of a moving camera have the light of those before in them
+    On,
+    /// Each is made of its own rays alone
     Off,
 }
 
@@ -173,6 +186,7 @@ impl DeadlineArgs {
             ("--tile-order", self.tile_order.is_some()),
             ("--saliency", self.saliency.is_some()),
             ("--prefetch", self.prefetch.is_some()),
+            ("--history", self.history.is_some()),
         ];
         flags.into_iter().find_map(|(flag, is_given)| is_given.then_some(flag))
     }
@@ -188,6 +202,7 @@ impl DeadlineArgs {
             fills_while_moving: true,
             t_max: Duration::from_secs_f64(t_max.0 / 1e3),
             fetch_block: self.fetch_block.unwrap_or(defaults.fetch_block),
+            carries_light: self.history.map_or(defaults.carries_light, |arg| arg == HistoryArg::On),
             looks_ahead: self.prefetch.map_or(defaults.looks_ahead, |arg| arg == PrefetchArg::On),
             order: match self.tile_order {
                 Some(TileOrderArg::Zcurve) => TileOrder::ZCurve,

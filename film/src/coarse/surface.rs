@@ -128,13 +128,19 @@ impl Surface {
         }
     }
 
-    fn depth(&self) -> f32 {
+    /// Distance from the camera; infinite where nothing is seen.
+    pub(super) fn depth(&self) -> f32 {
         f32::from_bits(u32::from(self.depth & !VOXEL_BIT) << DEPTH_SHIFT)
     }
 
     /// True when both are of one surface and of one form of it, mesh or voxels, or both saw nothing.
     pub(super) fn is_same(&self, other: &Surface) -> bool {
-        let [here, there] = [self.depth(), other.depth()];
+        self.is_same_at(self.depth(), other)
+    }
+
+    /// As [`Surface::is_same`], of this surface at distance `here`.
+    pub(super) fn is_same_at(&self, here: f32, other: &Surface) -> bool {
+        let there = other.depth();
         if here == f32::INFINITY || there == f32::INFINITY {
             return here == there;
         }

@@ -20,7 +20,7 @@ fn seen([x, _]: [u32; 2]) -> LayerPixel {
 fn shown(step: u32, radiance: impl Fn([u32; 2]) -> f32) -> Display {
     let mut display = display(RESOLUTION);
     set_samples(&mut display, step, radiance);
-    display.show(7, step, false, &pool(2));
+    display.show((7, step), false, None, &pool(2));
     assert_eq!((display.state(), display.step()), (Some(7), Some(step)));
     display
 }
@@ -55,7 +55,7 @@ fn a_slope_stays_a_slope_between_samples() {
     for (x, y) in (0..64).step_by(2).flat_map(|y| (0..64).step_by(2).map(move |x| (x, y))) {
         display.set([x, y], Vec3::splat(slope([x, y])), &seen([0, 0]));
     }
-    display.show(0, 2, false, &pool(2));
+    display.show((0, 2), false, None, &pool(2));
     for pixel in (14..48).flat_map(|y| (14..48).map(move |x| [x, y])) {
         let found = at(&display, pixel)[0];
         // To the precision of what is kept.
@@ -71,7 +71,7 @@ fn noise_is_smoothed() {
     for pixel in (0..128).step_by(2).flat_map(|y| (0..128).step_by(2).map(move |x| [x, y])) {
         display.set(pixel, Vec3::splat(noise(pixel)), &seen([0, 0]));
     }
-    display.show(0, 2, false, &pool(2));
+    display.show((0, 2), false, None, &pool(2));
     let pixels = || (0..128).flat_map(|y| (0..128).map(move |x| [x, y]));
     let value = |pixel| f64::from(at(&display, pixel)[0]);
     let mean = pixels().map(value).sum::<f64>() / 128.0f64.powi(2);
@@ -124,7 +124,7 @@ fn a_preview_is_worth_nothing_where_exact_samples_saw_something_else() {
         display.stand(0, 8, 1);
         learn(&mut display, |_| other);
         assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH + 1.0);
-        display.show(9, 2, false, &pool(1));
+        display.show((9, 2), false, None, &pool(1));
         assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH);
     }
 }
@@ -137,7 +137,7 @@ fn voxels_beside_voxels_and_nothing_beside_nothing_are_the_same() {
         pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
             display.set(pixel, Vec3::ONE, &saw);
         });
-        display.show(0, 2, false, &pool(1));
+        display.show((0, 2), false, None, &pool(1));
         learn(&mut display, |_| saw);
         assert!((0..64).all(|at| display.worth(0, [at % 8, at / 8]) == FIRST_WORTH), "{saw:?}");
         learn(&mut display, |_| seen([0, 0]));
@@ -151,7 +151,7 @@ fn refreshed(preview: LayerPixel, exact: LayerPixel, is_exact: impl Fn(u32) -> b
     pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
         display.set(pixel, Vec3::ONE, &preview);
     });
-    display.show(0, 2, false, &pool(2));
+    display.show((0, 2), false, None, &pool(2));
     let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
     for tile in (0..tile_count(RESOLUTION)).filter(|index| is_exact(*index)).map(|i| tile(RESOLUTION, i)) {
         film.add(&tile, &vec![[3.0; 3]; tile.pixel_count() as usize]);
@@ -194,7 +194,7 @@ fn a_pixel_beside_an_edge_has_its_own_samples_alone() {
     for is_noisy in [false, true] {
         let mut display = display(RESOLUTION);
         set_samples(&mut display, 2, |_| 1.0);
-        display.show(0, 2, false, &pool(2));
+        display.show((0, 2), false, None, &pool(2));
         let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
         let first = tile(RESOLUTION, 0);
         // Column 3 saw the surface behind, and is brighter.
@@ -221,7 +221,7 @@ fn a_pixel_beside_an_edge_has_the_light_of_its_own_side() {
     pixels().filter(|[x, y]| x % 2 == 0 && y % 2 == 0).for_each(|pixel| {
         display.set(pixel, Vec3::ONE, &LayerPixel { id: NO_ID, ..seen(pixel) });
     });
-    display.show(0, 2, false, &pool(2));
+    display.show((0, 2), false, None, &pool(2));
     let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
     let first = tile(RESOLUTION, 0);
     let light = |x: u32| if x < 3 { 2.0 } else { 9.0 };
@@ -238,7 +238,7 @@ fn a_pixel_beside_an_edge_has_the_light_of_its_own_side() {
 fn a_picture_that_is_made_anew_is_smoother_than_its_samples() {
     let resolution = [128, 128];
     let mut display = display(resolution);
-    display.show(0, 2, false, &pool(2));
+    display.show((0, 2), false, None, &pool(2));
     let mut film = Film::new(resolution, Layers::default(), &Budget::unlimited()).unwrap();
     for tile in (0..tile_count(resolution)).map(|index| tile(resolution, index)) {
         let noise = |i| [2.0 * (mix(u64::from(tile.index << 8 | i)) % 1000) as f32 / 999.0; 3];
@@ -262,7 +262,7 @@ fn a_sparse_picture_is_that_of_its_samples_until_it_is_filled() {
         let mut sparse = shown(step, light);
         set_samples(&mut sparse, step, light);
         sparse.radiance.fill(PackedLight::new([7.0; 3]));
-        sparse.show(8, step, true, &pool(2));
+        sparse.show((8, step), true, None, &pool(2));
         for pixel in pixels() {
             let is_sample = pixel.iter().all(|v| v % step == 0);
             let expected = if is_sample { at(&whole, pixel) } else { [7.0; 3] };
@@ -271,4 +271,121 @@ fn a_sparse_picture_is_that_of_its_samples_until_it_is_filled() {
         (0..2).for_each(|_| sparse.fill(&pool(2)));
         assert_eq!((sparse.radiance == whole.radiance, sparse.state()), (true, Some(8)), "{step}");
     }
+}
+
+/// A display that keeps the picture before.
+fn with_history() -> Display {
+    let mut display = display(RESOLUTION);
+    let bytes = Display::history_bytes(RESOLUTION);
+    display.keep_history(Some(Budget::unlimited().lease("the picture before", bytes).unwrap()));
+    display
+}
+
+/// All that is seen has moved so many pixels to the right, and as far away as it was.
+struct MovedRight(f64);
+
+impl Reprojection for MovedRight {
+    fn before(&self, [x, y]: [f64; 2], depth: f64) -> Option<([f64; 2], f64)> {
+        Some(([x - self.0, y], depth))
+    }
+}
+
+/// Shows a picture of the finest grid, whose samples saw what `seen` says, in light of `radiance`.
+fn show_moved(
+    display: &mut Display,
+    moved: Option<f64>,
+    seen: impl Fn([u32; 2]) -> LayerPixel,
+    radiance: impl Fn([u32; 2]) -> f32,
+) {
+    for pixel in pixels().filter(|pixel| pixel.iter().all(|v| v % 2 == 0)) {
+        display.set(pixel, Vec3::splat(radiance(pixel)), &seen(pixel));
+    }
+    let moved = moved.map(MovedRight);
+    let reprojection = moved.as_ref().map(|moved| moved as &dyn Reprojection);
+    display.show((0, 2), false, reprojection, &pool(2));
+}
+
+/// What is seen again has the mean of its light in all pictures; what comes in from the left has that of the last.
+#[test]
+fn light_is_carried_to_where_its_surface_is_seen() {
+    let plain = |_: [u32; 2]| seen([0, 0]);
+    let mut display = with_history();
+    for (index, light) in [1.0, 4.0, 7.0].into_iter().enumerate() {
+        assert_eq!(display.remember(), index > 0, "nothing was shown before the first");
+        show_moved(&mut display, Some(4.0), plain, |_| light);
+        for [x, y] in pixels() {
+            // So many pictures had it before, as far as the samples around say.
+            let (least, most) = (index.min(x as usize / 4), index.min((x as usize + 3) / 4));
+            let mean = |count: usize| [light, light - 1.5, light - 3.0][count];
+            let found = at(&display, [x, y])[0];
+            let is_between = (mean(most) - 1e-2..=mean(least) + 1e-2).contains(&found);
+            assert!(is_between, "{index} {x} {y}: {found}");
+        }
+    }
+}
+
+#[test]
+fn noise_falls_from_picture_to_picture_to_a_bound() {
+    let plain = |_: [u32; 2]| seen([0, 0]);
+    let mut display = with_history();
+    let mut variances = vec![];
+    for picture in 0..40u64 {
+        display.remember();
+        let noise = |[x, y]: [u32; 2]| (mix(picture << 32 | u64::from(x << 16 | y)) % 1000) as f32 / 500.0;
+        show_moved(&mut display, Some(0.0), plain, noise);
+        variances.push(pixels().map(|pixel| (at(&display, pixel)[0] - 1.0).powi(2)).sum::<f32>());
+    }
+    let mean = |of: &[f32]| of.iter().sum::<f32>() / of.len() as f32;
+    assert!(variances[0] > 3.0 * mean(&variances[8..]), "{variances:?}");
+    // What was long ago counts ever less: light that has changed comes through.
+    for _ in 0..20 {
+        display.remember();
+        show_moved(&mut display, Some(0.0), plain, |_| 5.0);
+    }
+    assert!(pixels().all(|pixel| at(&display, pixel)[0] > 4.5));
+}
+
+/// Another surface, another form, a hole, a step out of the picture, light that has changed.
+#[test]
+fn what_was_not_seen_before_has_no_light_of_before() {
+    let same = seen([0, 0]);
+    let others = [
+        LayerPixel { depth: 6.0, ..same },
+        LayerPixel { id: NO_ID, ..same },
+        LayerPixel { albedo: [0.5, 0.5, 0.7], ..same },
+        LayerPixel { normal: [0.8, 0.0, 0.6], ..same },
+        LayerPixel::NOTHING,
+    ];
+    let shown = |now: LayerPixel, moved: Option<f64>, is_forgotten: bool| {
+        let mut display = with_history();
+        show_moved(&mut display, None, |_| same, |_| 1.0);
+        assert!(display.remember() && !display.remember(), "once a picture");
+        if is_forgotten {
+            display.forget();
+        }
+        show_moved(&mut display, moved, |_| now, |_| 3.0);
+        at(&display, [9, 6])[0]
+    };
+    for other in others {
+        assert!((shown(other, Some(0.0), false) - 3.0).abs() < 1e-2, "{other:?}");
+    }
+    assert!((shown(same, Some(0.0), false) - 2.0).abs() < 1e-2);
+    for (moved, is_forgotten) in
+        [(Some(100.0), false), (Some(f64::NAN), false), (None, false), (Some(0.0), true)]
+    {
+        assert!((shown(same, moved, is_forgotten) - 3.0).abs() < 1e-2, "{moved:?}");
+    }
+}
+
+/// A hand that rests finds the last picture whole, also when the camera has gone on by then.
+#[test]
+fn a_sparse_picture_can_be_filled_once_it_is_the_one_before() {
+    let light = |[x, y]: [u32; 2]| (x + y) as f32;
+    let whole = shown(2, light);
+    let mut sparse = with_history();
+    set_samples(&mut sparse, 2, light);
+    sparse.show((7, 2), true, None, &pool(2));
+    assert!(sparse.remember());
+    sparse.fill(&pool(2));
+    assert!(sparse.radiance == whole.radiance);
 }

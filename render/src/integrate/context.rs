@@ -38,6 +38,8 @@ pub(crate) struct RenderContext<'a> {
     rays_most: u32,
     /// True when nothing waits for pages: where one is missing, the resident voxels answer; without any, it is empty.
     pub(super) is_preview: bool,
+    /// Previews before this one whose light is carried on: each has other random numbers.
+    pub(super) previews_before: u32,
 }
 
 impl<'a> RenderContext<'a> {
@@ -74,19 +76,28 @@ impl<'a> RenderContext<'a> {
             judges_preview: false,
             rays_most: u32::MAX,
             is_preview: false,
+            previews_before: 0,
         }
     }
 
     /// This context for a picture at once: at most one G-ray of a kind leaves a surface, and nothing waits for pages:
     /// where a unit is missing, the voxel above it answers.
-    pub(crate) fn for_preview(self) -> RenderContext<'a> {
+    pub(crate) fn for_preview(self, previews_before: u32) -> RenderContext<'a> {
         let resident = |scene: GScene<'a>| {
             let lower = scene.lower.map(|lower| lower.on_missing(MissingUnits::StandIn));
             let (near, shadows) = (Near::Voxel, Shadows::Voxel);
             GScene { lower, near, shadows, answers_g_rays: true, ..scene }
         };
         let voxels = self.voxels.map(resident);
-        RenderContext { voxels, photon_tree: None, has_layers: false, rays_most: 1, is_preview: true, ..self }
+        RenderContext {
+            voxels,
+            photon_tree: None,
+            has_layers: false,
+            rays_most: 1,
+            is_preview: true,
+            previews_before,
+            ..self
+        }
     }
 
     /// This context, with what the layers of a film take.

@@ -79,7 +79,8 @@ impl<'a> SampleIntegrator<'a> {
     /// The sample of `pixel` (x, y) in a preview: together with those around it a set that is stratified, as the
     /// samples of one pixel are.
     pub(crate) fn start_preview(&self, pixel: [u32; 2]) -> Path {
-        let sampler = Sampler::among(self.ctx.world.settings.seed, pixel);
+        let seed = self.ctx.world.settings.seed.wrapping_add(self.ctx.previews_before.into());
+        let sampler = Sampler::among(seed, pixel);
         let stage = Stage::CRay(self.primary_ray(pixel, &sampler));
         Path { keeps_first_hit: true, ..Path::new(pixel, sampler, stage) }
     }

@@ -12,7 +12,7 @@
 use crate::math::unit;
 use crate::trace::Ray;
 use glam::DVec3;
-use trex_film::{CAMERA_NUMBERS, Lens};
+use trex_film::{CAMERA_NUMBERS, Lens, Reprojection};
 use trex_store::{Code, Error, Result};
 
 /// Smallest angle of view, degrees.
@@ -159,6 +159,39 @@ impl Projection {
     }
 }
 
+/// Two views of what does not move.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ViewChange {
+    before: Projection,
+    /// From the camera before to the one now.
+    way: DVec3,
+    /// Where film position (x, y) looks now, not of unit length: `across[0] + x across[1] + y across[2]`.
+    across: [DVec3; 3],
+}
+
+impl ViewChange {
+    /// The change from a view `before` to that of `now`.
+    pub(crate) fn new(before: Projection, now: &Projection) -> ViewChange {
+        let [width, height] = now.resolution.map(f64::from);
+        let across = [now.forward - now.right - now.down, 2.0 / width * now.right, 2.0 / height * now.down];
+        ViewChange { before, way: now.position - before.position, across }
+    }
+}
+
+impl Reprojection for ViewChange {
+    fn before(&self, [x, y]: [f64; 2], depth: f64) -> Option<([f64; 2], f64)> {
+        let Projection { forward, right, down, resolution, .. } = self.before;
+        let [first, to_right, down_by] = self.across;
+        let direction = first + x * to_right + y * down_by;
+        let way = self.way + depth / direction.length() * direction;
+        let ahead = way.dot(forward);
+        let place = |side: DVec3, pixels: u32| {
+            (way.dot(side) / (ahead * side.length_squared()) + 1.0) / 2.0 * f64::from(pixels)
+        };
+        (ahead > 0.0).then(|| ([place(right, resolution[0]), place(down, resolution[1])], way.length()))
+    }
+}
+
 impl Lens for Projection {
     fn direction(&self, x: f64, y: f64) -> [f64; 3] {
         self.ray(x, y).direction
@@ -205,6 +238,30 @@ mod tests {
         check_ray(&projection, [200.0, 100.0], [1.0, -0.5, -1.0]);
         let tall = camera(Fov::Y(90.0)).project([200, 100]).unwrap();
         check_ray(&tall, [200.0, 0.0], [2.0, 1.0, -1.0]);
+    }
+
+    /// A place that a ray of one view meets lies on the ray of the other through where it was seen; or behind it.
+    #[test]
+    fn places_are_found_again_in_the_view_before() {
+        let before = camera(Fov::X(70.0)).project([200, 100]).unwrap();
+        let turned = Camera { position: [3.0, 1.0, -2.0], target: [-1.0, 0.5, -9.0], ..camera(Fov::Y(40.0)) };
+        let now = turned.project([60, 90]).unwrap();
+        let change = ViewChange::new(before, &now);
+        let (mut found, mut behind) = (0, 0);
+        for [x, y, depth] in (0..400).map(|at| [at * 7 % 60, at * 13 % 90, 1 + at % 23].map(f64::from)) {
+            let place = now.ray(x + 0.5, y + 0.5).at(depth);
+            let ahead = place.dot(before.forward) > 0.0;
+            let Some(([u, v], distance)) = change.before([x + 0.5, y + 0.5], depth) else {
+                assert!(!ahead, "{place}");
+                behind += 1;
+                continue;
+            };
+            assert!(ahead && (before.ray(u, v).at(distance) - place).length() < 1e-9, "{place}");
+            found += 1;
+        }
+        assert!(found > 100 && behind == 0, "{found} {behind}");
+        let back = Camera { target: [0.0, 0.0, 5.0], ..camera(Fov::X(70.0)) }.project([200, 100]).unwrap();
+        assert!(ViewChange::new(before, &back).before([100.0, 50.0], 2.0).is_none());
     }
 
     #[test]

@@ -20,7 +20,7 @@ use crate::schedule::{Grid, PreviewStats, SampleWork, Workers};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use std::time::Instant;
-use trex_film::smooth;
+use trex_film::{Reprojection, smooth};
 
 /// Photons take as long as tiles do while light changes; so many times as long when every tile has been taken anew,
 /// since what these show goes out of date with each photon.
@@ -86,9 +86,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// this frame.
     fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> PreviewStats {
         let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
-        let Live { display, event, options, .. } = &mut self.live;
+        let Live { display, event, options, carried, .. } = &mut self.live;
         let ladder = &mut event.ladder;
-        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview();
+        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview(carried.pictures());
         let work = SampleWork::new(ctx, &**g_stage);
         let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
@@ -105,7 +105,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         if let Some(step) = taken {
             let is_sparse = ladder.is_moving() && !options.fills_while_moving;
-            display.show(film.state(), step, is_sparse, pool);
+            let change = carried.change(&world.projection);
+            let change = change.as_ref().map(|change| change as &dyn Reprojection);
+            display.show((film.state(), step), is_sparse, change, pool);
         }
         // Where there is no time for a rough picture there is none for pages.
         let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
@@ -122,6 +124,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     fn illuminate_until(&mut self, deadline: Instant, stop: &(dyn Fn() -> bool + Sync)) -> u64 {
         let (light, mut work) = self.session.light_parts(stop);
         let (rays, arrival) = light.advance(&mut work, deadline);
+        if arrival != Arrival::Nothing {
+            self.live.carried.forget(&mut self.live.display);
+        }
         match arrival {
             Arrival::Nothing => {}
             Arrival::Blended => self.begin_light(),

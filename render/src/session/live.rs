@@ -32,10 +32,12 @@
 #[cfg(test)]
 mod tests;
 
+use super::carried::Carried;
 use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
 use super::foresight::Foresight;
 use super::ladder::Ladder;
+use super::shares::history_lease;
 use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
 use crate::trace::PagedTracer;
@@ -58,6 +60,8 @@ pub struct FrameOptions {
     pub fills_while_moving: bool,
     /// True when pages of the view that is likely to come next are read ahead, where there is room for them.
     pub looks_ahead: bool,
+    /// True when the light of the picture before is carried to where its surfaces are seen after the camera has moved.
+    pub carries_light: bool,
 }
 
 impl Default for FrameOptions {
@@ -68,6 +72,7 @@ impl Default for FrameOptions {
             order: TileOrder::default(),
             fills_while_moving: true,
             looks_ahead: false,
+            carries_light: true,
         }
     }
 }
@@ -99,6 +104,7 @@ pub(super) struct Live {
     pub(super) event: EventState,
     pub(super) tiles: TileRun,
     pub(super) foresight: Foresight,
+    pub(super) carried: Carried,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -113,12 +119,15 @@ impl<T: PagedTracer + Send> Session<T> {
         let leases = self.shares(&settings, self.film.layers(), true).lease_live(&self.budget)?;
         let (light, work) = self.light_parts(&|| false);
         light.go_live(&work, leases.light)?;
+        let mut display = Display::in_lease(settings.resolution, leases.display);
+        display.keep_history(history_lease(&self.budget, settings.resolution));
         let live = Live {
             options,
-            display: Display::in_lease(settings.resolution, leases.display),
+            display,
             event: EventState::new(Instant::now(), 0, Ladder::new(false)),
             tiles: TileRun::new(options.fetch_block),
             foresight: Foresight::default(),
+            carried: Carried::default(),
         };
         let mut session = LiveSession { session: self, live };
         session.begin_state(Change::View);
@@ -132,7 +141,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// # Errors
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
-        let from = self.view.camera;
+        let (from, view) = (self.view.camera, self.world.projection);
+        let moves = matches!(event, Event::Camera(_));
         let change = match event {
             Event::Settings(settings) => self.resettle_live(settings)?,
             event => self.session.change(event)?,
@@ -141,6 +151,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             self.note_camera(from);
         }
         if change != Change::Nothing {
+            let Live { options, display, carried, .. } = &mut self.live;
+            carried.note_change(display, view, moves && options.carries_light);
             self.begin_state(change);
         }
         Ok(())

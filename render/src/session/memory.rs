@@ -11,7 +11,7 @@ use crate::g_stage::{CpuStage, GNeeds};
 use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::trace::{PartNeeds, PooledPages};
 use serde::Serialize;
-use trex_film::{Layers, Portion, encoder_bytes, filter_bytes};
+use trex_film::{Display, Layers, Portion, encoder_bytes, filter_bytes};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::UpperSize;
 use trex_store::pool::{PagePool, PoolOptions};
@@ -21,6 +21,8 @@ use trex_store::{Code, Error, FileSizes, NextStep, PageFile, RESERVE_BYTES, Resu
 const FRAMES_PER_WORKER: u64 = 32;
 /// Bytes that one staging slot reads at most.
 const MERGE_BYTES: u32 = 128 << 10;
+/// Part of the room of frames that the picture before takes at most: one over this.
+const HISTORY_PART: u64 = 16;
 /// Staging slots: fewer delay reads, more gain nothing.
 const STAGING_SLOTS: std::ops::RangeInclusive<u64> = 4..=40;
 
@@ -67,6 +69,12 @@ pub struct MemoryPlan {
 }
 
 impl PictureNeeds {
+    /// Bytes of the picture before the one on show, of `room` that frames take otherwise: none where these would feel it.
+    fn history_bytes(&self, room: u64) -> u64 {
+        let bytes = Display::history_bytes(self.settings.resolution);
+        if self.is_live && HISTORY_PART * bytes <= room { bytes } else { 0 }
+    }
+
     /// True when voxels are needed in memory.
     pub fn asks_voxels(&self) -> bool {
         self.settings.integrator.asks_voxels() || self.settings.lod_error > 0.0 || self.is_live
@@ -96,7 +104,10 @@ impl MemoryPlan {
             let least = FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
             if taken + least <= limit_bytes && smallest <= limit_bytes {
                 let all = (file.page_count.max(2) as usize * FRAME_BYTES) as u64;
-                return Ok(MemoryPlan { frames_bytes: (limit_bytes - taken).min(all.max(least)), ..fixed });
+                let history = needs.history_bytes(limit_bytes - taken);
+                let film_bytes = fixed.film_bytes + history;
+                let frames_bytes = (limit_bytes - taken - history).min(all.max(least));
+                return Ok(MemoryPlan { film_bytes, frames_bytes, ..fixed });
             }
         }
         let mib = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));

@@ -5,6 +5,7 @@
 //! ```text
 //! Session::new      shares at leisure -> lease
 //! go_live           shares in frames, less those at leisure -> lease
+//!                   the picture before, where there is room for it -> lease
 //! other settings    what differs of the old is exchanged for what differs of the new, in one step of the ledger
 //! ```
 //!
@@ -77,6 +78,11 @@ pub(super) struct LiveLeases {
     pub(super) display: Lease,
     /// Of what light takes in frames.
     pub(super) light: Lease,
+}
+
+/// A lease of what the picture before takes, of `resolution`; `None` where `budget` has no room for it.
+pub(super) fn history_lease(budget: &Budget, resolution: [u32; 2]) -> Option<Lease> {
+    budget.lease("the picture before the one on show", Display::history_bytes(resolution)).ok()
 }
 
 impl SessionShares {

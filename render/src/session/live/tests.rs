@@ -185,3 +185,46 @@ fn frames_are_as_exact_as_was_asked_for_whatever_the_demand() {
         assert_eq!(live.tiles.is_scarce(&session.tracers), percent > 85);
     }
 }
+
+/// From picture to picture of a camera that moves a little the noise of the preview falls; not where a lamp moves, nor
+/// where nothing is to be carried.
+#[test]
+fn previews_of_a_moving_camera_have_the_light_of_those_before() {
+    let keys =
+        RenderKeys { resolution: [48, 48], n_shadow: 1, integrator: Method::Direct, ..RenderKeys::default() };
+    let lamp = |x: f64| Light::Rect {
+        corner: [x, -1.0, 1.0],
+        edge_u: [0.0, 2.0, 0.0],
+        edge_v: [2.0, 0.0, 0.0],
+        radiance: [3.0; 3],
+    };
+    // The picture on show after eight events.
+    let shown = |seed: u64, carries_light: bool, moves_lamp: bool| {
+        let t_max = Duration::from_secs(60);
+        let options = FrameOptions { t_max, carries_light, ..FrameOptions::default() };
+        let mut live = floor_demanding(0, RenderKeys { seed, ..keys }).go_live(options).unwrap();
+        live.apply(Event::Lights(vec![lamp(1.0)])).unwrap();
+        live.frame(1, &|| false);
+        for step in 1..=8 {
+            let mut camera = live.view.camera;
+            camera.position[0] += 1e-3;
+            live.apply(Event::Camera(camera)).unwrap();
+            if moves_lamp {
+                live.apply(Event::Lights(vec![lamp(1.0 + 1e-3 * f64::from(step))])).unwrap();
+            }
+            live.frame(1, &|| false);
+        }
+        (0..48 * 48).map(|at| live.shown([at % 48, at / 48])[1]).collect::<Vec<f32>>()
+    };
+    // How much pictures of other random numbers differ.
+    let noise = |carries_light: bool, moves_lamp: bool| {
+        let pictures: Vec<_> = (1..=8).map(|seed| shown(seed, carries_light, moves_lamp)).collect();
+        let variance = |at: usize| {
+            let mean = pictures.iter().map(|picture| picture[at]).sum::<f32>() / 8.0;
+            pictures.iter().map(|picture| (picture[at] - mean).powi(2)).sum::<f32>()
+        };
+        (0..48 * 48).map(variance).sum::<f32>()
+    };
+    let [carried, alone, lit_anew] = [noise(true, false), noise(false, false), noise(true, true)];
+    assert!(carried < 0.5 * alone && lit_anew > 0.8 * alone, "{carried} {alone} {lit_anew}");
+}

@@ -1,0 +1,49 @@
+//! `Carried`: the light of the pictures before, which the display carries to where the camera sees its surfaces now.
+//!
+//! ```text
+//! the camera moves             the picture on show is the one before, and its view is kept here
+//! light, material, parts ...   nothing is carried: no light of before is right
+//! ```
+//!
+//! Invariant: the view is that of the picture that the display keeps as the one before.
+
+use crate::scene::camera::{Projection, ViewChange};
+use trex_film::Display;
+
+/// The view of the picture whose light is carried on.
+#[derive(Debug, Default)]
+pub(super) struct Carried {
+    view: Option<Projection>,
+    /// Pictures that followed each other so.
+    pictures: u32,
+}
+
+impl Carried {
+    /// Learns that something has changed since the picture on `display`, which was of `view`: the camera alone, where
+    /// it `moves`.
+    pub(super) fn note_change(&mut self, display: &mut Display, view: Projection, moves: bool) {
+        if !moves {
+            self.forget(display);
+        } else if display.remember() {
+            self.view = Some(view);
+            self.pictures = self.pictures.wrapping_add(1);
+        }
+    }
+
+    /// Carries nothing on.
+    pub(super) fn forget(&mut self, display: &mut Display) {
+        display.forget();
+        *self = Carried::default();
+    }
+
+    /// The change of view from the picture before to `now`.
+    pub(super) fn change(&self, now: &Projection) -> Option<ViewChange> {
+        self.view.map(|before| ViewChange::new(before, now))
+    }
+
+    /// How many pictures followed each other before this one: each takes other random numbers, so that their noise is
+    /// not the same.
+    pub(super) fn pictures(&self) -> u32 {
+        self.pictures
+    }
+}
