@@ -28,12 +28,15 @@ mod carry;
 mod cells;
 mod corners;
 mod exact;
+mod grid;
 mod history;
 mod neighbours;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
 pub(crate) use self::corners::{CornersOf, TileCorners};
+use self::grid::{KEPT_STEP, sample_count};
+pub use self::grid::{STEPS, grid_size};
 use self::history::History;
 pub use self::history::Reprojection;
 use self::neighbours::Neighbours;
@@ -46,11 +49,6 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Pixels from sample to sample, the coarsest first. Powers of two, so that each grid holds those before it. None is as
-/// fine as the picture: with a sample at each pixel it would cost what the exact tiles cost.
-pub const STEPS: [u32; 3] = [8, 4, 2];
-/// Step of the finest grid, whose samples are kept.
-const KEPT_STEP: u32 = STEPS[STEPS.len() - 1];
 /// Those of the finest grid along a side of a tile.
 const TILE_SIDE_SAMPLES: usize = (TILE_SIDE_PIXELS / KEPT_STEP) as usize;
 /// Most light of a sample: sums of some are still finite.
@@ -93,16 +91,6 @@ type FixedTiles<'a> = &'a (dyn Fn(u32) -> bool + Sync);
 
 /// Three planes of light, of the samples picked.
 type Planes<'a> = [&'a [f32]; 3];
-
-/// Width and height of the grid with a sample at every `step`-th pixel of a picture of `resolution`.
-pub fn grid_size(resolution: [u32; 2], step: u32) -> [u32; 2] {
-    resolution.map(|side| side.div_ceil(step))
-}
-
-/// Count of samples at every `step`-th pixel.
-fn sample_count(resolution: [u32; 2], step: u32) -> usize {
-    grid_size(resolution, step).into_iter().map(|side| side as usize).product()
-}
 
 /// Numbers of the work: a copy of the light and as much again for every step but the finest.
 fn work_count(resolution: [u32; 2]) -> usize {

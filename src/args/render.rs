@@ -103,8 +103,8 @@ pub struct DeadlineArgs {
     /// off]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
     pub prefetch: Option<PrefetchArg>,
-    /// Whether the light of the picture before is carried to where its surfaces are seen when the camera moves [default:
-    /// on]
+    /// Whether the light of the picture before is carried to where its surfaces are seen when the camera moves
+    /// [default: on]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
     pub history: Option<HistoryArg>,
 }

@@ -1,4 +1,5 @@
-//! Light carried on: what was smoothed last is mixed with that of the picture before, where its surfaces are seen again.
+//! Light carried on: what was smoothed last is mixed with that of the picture before, where its surfaces are seen
+//! again.
 
 use super::history::{History, Reprojection, WorthyLight};
 use super::{Coarse, KEPT_STEP, grid_size, planes_mut, smoothed_place};
@@ -34,8 +35,8 @@ impl Coarse {
         }
     }
 
-    /// Mixes the light of the samples at every `step`-th pixel, which were smoothed last, with that before, and keeps it
-    /// for the next; does nothing without room for a history.
+    /// Mixes the light of the samples at every `step`-th pixel, which were smoothed last, with that before, and keeps
+    /// it for the next; does nothing without room for a history.
     pub(crate) fn carry(&mut self, step: u32, reprojection: Option<&dyn Reprojection>, pool: &ThreadPool) {
         let Coarse { resolution, surfaces, light, work, history } = self;
         let Some(history) = history else { return };

@@ -8,8 +8,8 @@
 //! What was not seen before, or looks otherwise there, has no history. Light is carried by a surface, without its
 //! albedo. C. Schied et al., "Spatiotemporal variance-guided filtering" (2017), 4.1.
 
+use super::grid::{KEPT_STEP, grid_size, sample_count};
 use super::surface::Surface;
-use super::{KEPT_STEP, grid_size, sample_count};
 use crate::film::LayerPixel;
 use crate::packed::PackedLight;
 use glam::Vec3;

@@ -315,7 +315,7 @@ fn light_is_carried_to_where_its_surface_is_seen() {
         show_moved(&mut display, Some(4.0), plain, |_| light);
         for [x, y] in pixels() {
             // So many pictures had it before, as far as the samples around say.
-            let (least, most) = (index.min(x as usize / 4), index.min((x as usize + 3) / 4));
+            let (least, most) = (index.min(x as usize / 4), index.min((x as usize).div_ceil(4)));
             let mean = |count: usize| [light, light - 1.5, light - 3.0][count];
             let found = at(&display, [x, y])[0];
             let is_between = (mean(most) - 1e-2..=mean(least) + 1e-2).contains(&found);

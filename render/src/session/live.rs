@@ -32,7 +32,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::carried::Carried;
+use super::carried_light::CarriedLight;
 use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
 use super::foresight::Foresight;
@@ -104,7 +104,7 @@ pub(super) struct Live {
     pub(super) event: EventState,
     pub(super) tiles: TileRun,
     pub(super) foresight: Foresight,
-    pub(super) carried: Carried,
+    pub(super) carried: CarriedLight,
 }
 
 impl<T: PagedTracer + Send> Session<T> {
@@ -127,7 +127,7 @@ impl<T: PagedTracer + Send> Session<T> {
             event: EventState::new(Instant::now(), 0, Ladder::new(false)),
             tiles: TileRun::new(options.fetch_block),
             foresight: Foresight::default(),
-            carried: Carried::default(),
+            carried: CarriedLight::default(),
         };
         let mut session = LiveSession { session: self, live };
         session.begin_state(Change::View);

@@ -69,7 +69,8 @@ pub struct MemoryPlan {
 }
 
 impl PictureNeeds {
-    /// Bytes of the picture before the one on show, of `room` that frames take otherwise: none where these would feel it.
+    /// Bytes of the picture before the one on show, of `room` that frames take otherwise: none where these would feel
+    /// it.
     fn history_bytes(&self, room: u64) -> u64 {
         let bytes = Display::history_bytes(self.settings.resolution);
         if self.is_live && HISTORY_PART * bytes <= room { bytes } else { 0 }

@@ -14,7 +14,7 @@
 //! so all of its samples are of one state; 3. film and passes are leased from the budget for the life of the session.
 
 mod brightness;
-mod carried;
+mod carried_light;
 mod change_parts;
 mod event;
 mod event_state;

@@ -1,4 +1,4 @@
-//! `Carried`: the light of the pictures before, which the display carries to where the camera sees its surfaces now.
+//! `CarriedLight`: the light of the pictures before, which the display carries to where the camera sees its surfaces now.
 //!
 //! ```text
 //! the camera moves             the picture on show is the one before, and its view is kept here
@@ -12,13 +12,13 @@ use trex_film::Display;
 
 /// The view of the picture whose light is carried on.
 #[derive(Debug, Default)]
-pub(super) struct Carried {
+pub(super) struct CarriedLight {
     view: Option<Projection>,
     /// Pictures that followed each other so.
     pictures: u32,
 }
 
-impl Carried {
+impl CarriedLight {
     /// Learns that something has changed since the picture on `display`, which was of `view`: the camera alone, where
     /// it `moves`.
     pub(super) fn note_change(&mut self, display: &mut Display, view: Projection, moves: bool) {
@@ -33,7 +33,7 @@ impl Carried {
     /// Carries nothing on.
     pub(super) fn forget(&mut self, display: &mut Display) {
         display.forget();
-        *self = Carried::default();
+        *self = CarriedLight::default();
     }
 
     /// The change of view from the picture before to `now`.
