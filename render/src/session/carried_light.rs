@@ -1,4 +1,5 @@
-//! `CarriedLight`: the light of the pictures before, which the display carries to where the camera sees its surfaces now.
+//! `CarriedLight`: the light of the pictures before, which the display carries to where the camera sees its surfaces
+//! now.
 //!
 //! ```text
 //! the camera moves             the picture on show is the one before, and its view is kept here
