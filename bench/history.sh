@@ -11,17 +11,7 @@ root=$PWD
 cargo build --release -q -p trex -p trex-bench
 source bench/record.sh
 cd "$work"
-models=$root/../shared/models
-
-for kind in isosurface pipes scan; do
-    [ -e $kind-100m.trex ] || "$trex" build gen:$kind:100M -o $kind-100m.trex --memory-limit 2GiB --render-limit 128MiB --progress none
-done
-if [ -d "$models" ] && [ ! -e kicad-grid.trex ]; then
-    cp "$models/cad/kicad_1m.mtl" .
-    awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
-    "$trex" build kicad-grid.obj -o kicad-grid.trex --memory-limit 2GiB --render-limit 128MiB --progress none
-    rm kicad-grid.obj
-fi
+build_kinds
 
 for model in pipes-100m isosurface-100m scan-100m kicad-grid; do
     [ -e $model.trex ] || continue

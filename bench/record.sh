@@ -34,3 +34,18 @@ stress() {
     shift 2
     capped "$name" $((mib * MiB)) stress "$@" --memory-limit "${mib}MiB" --resolution "${resolution:-512x512}" || true
 }
+
+# build_kinds: the page files of four kinds of model in the folder at hand, those that are missing.
+build_kinds() {
+    local kind models=$root/../shared/models
+
+    for kind in isosurface pipes scan; do
+        [ -e $kind-100m.trex ] || "$trex" build gen:$kind:100M -o $kind-100m.trex --memory-limit 2GiB --render-limit 128MiB --progress none
+    done
+    if [ -d "$models" ] && [ ! -e kicad-grid.trex ]; then
+        cp "$models/cad/kicad_1m.mtl" .
+        awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
+        "$trex" build kicad-grid.obj -o kicad-grid.trex --memory-limit 2GiB --render-limit 128MiB --progress none
+        rm kicad-grid.obj
+    fi
+}

@@ -66,7 +66,7 @@ impl Coarse {
             });
         });
         // Samples of the finest grid keep what is on show.
-        if step == KEPT_STEP {
+        if step == KEPT_STEP && reprojection.is_some() {
             light.copy_from_slice(smoothed);
         }
     }
