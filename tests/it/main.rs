@@ -55,6 +55,7 @@ mod normals;
 mod odd_inputs;
 mod oracle;
 mod outputs;
+mod page_functions;
 mod parts_live;
 mod picture_parts;
 mod random;

@@ -13,6 +13,7 @@ import { Input } from "./input.js";
 import { Picture } from "./picture.js";
 import { Notices } from "./notices.js";
 import { Panels } from "./panels.js";
+import { box_in, pixel_at, size_for } from "./stage.js";
 import { keep_status } from "./status.js";
 import { Views } from "./views.js";
 import { KIND_FILE } from "./wire.js";
@@ -245,12 +246,9 @@ class App {
 
   /** What is seen at a place of the stage, CSS pixels; null for nothing. */
   pick(x, y) {
-    const { left, top, width, height } = this.box();
-    const [columns, rows] = this.state.size ?? [0, 0];
-    const pixel = [Math.floor(((x - left) / width) * columns), Math.floor(((y - top) / height) * rows)];
-    const is_inside = pixel[0] >= 0 && pixel[1] >= 0 && pixel[0] < columns && pixel[1] < rows;
+    const pixel = pixel_at(this.box(), this.state.size, x, y);
     const id = this.next_id();
-    if (!is_inside || !this.connection.send({ type: "pick", id, pixel })) {
+    if (pixel === null || !this.connection.send({ type: "pick", id, pixel })) {
       return Promise.resolve(null);
     }
     return new Promise((resolve) => {
@@ -293,10 +291,8 @@ class App {
   /** The picture's size that fits this window, device pixels. */
   wanted_size() {
     const { width, height } = this.stage.getBoundingClientRect();
-    const pixels = window.devicePixelRatio * this.pixel_share;
-    // The server says them with its welcome, and brings what is asked for before into its range.
-    const [least, most] = this.state.sides ?? [1, Infinity];
-    return [width, height].map((side) => Math.max(least, Math.min(most, Math.round(side * pixels))));
+    // The server says the range with its welcome, and brings what is asked for before into it.
+    return size_for([width, height], window.devicePixelRatio * this.pixel_share, this.state.sides);
   }
 
   /** A window that moves to another screen has other pixels. */
@@ -329,10 +325,7 @@ class App {
   /** Where the picture lies on the stage, CSS pixels: as large as fits. */
   box() {
     const { width, height } = this.stage.getBoundingClientRect();
-    const [columns, rows] = this.state.size ?? [width, height];
-    const scale = Math.min(width / columns, height / rows);
-    const [w, h] = [columns * scale, rows * scale];
-    return { left: (width - w) / 2, top: (height - h) / 2, width: w, height: h };
+    return box_in([width, height], this.state.size);
   }
 
   place() {

@@ -37,7 +37,7 @@ export class Help {
 }
 
 /** A key as its cap has it. */
-function name_of(key) {
+export function name_of(key) {
   const parts = key.length > 1 ? key.split(/\+(?=.)/) : [key];
   const named = parts.map((part) => NAMES[part] ?? (part.length === 1 ? part.toUpperCase() : part));
   return named.join(" + ");

@@ -7,7 +7,9 @@
 import { Plot } from "./plot.js";
 import { bytes, element, short } from "./widgets.js";
 
-const MS = (number) => (Number.isFinite(number) ? `${number < 10 ? number.toFixed(1) : Math.round(number)} ms` : "-");
+/** A time in ms, below ten with a tenth. */
+export const milliseconds = (number) =>
+  (Number.isFinite(number) ? `${number < 10 ? number.toFixed(1) : Math.round(number)} ms` : "-");
 /** Rows with a plot: [key, label, value of the statistics, text, limit]. */
 const PLOTS = [
   ["memory", "Memory", (s) => s.memory?.used_bytes, bytes, (s) => s.memory?.limit_bytes],
@@ -28,10 +30,10 @@ const FACTS = [
     ["Sent so far", (s) => given(s.sent_bytes, bytes)],
   ]],
   ["Times after an event", [
-    ["First", (s) => given(s.times_ms?.first, MS)],
-    ["Whole", (s) => given(s.times_ms?.whole, MS)],
-    ["Response", (s) => given(s.times_ms?.response, MS)],
-    ["Complete", (s) => given(s.times_ms?.complete, MS)],
+    ["First", (s) => given(s.times_ms?.first, milliseconds)],
+    ["Whole", (s) => given(s.times_ms?.whole, milliseconds)],
+    ["Response", (s) => given(s.times_ms?.response, milliseconds)],
+    ["Complete", (s) => given(s.times_ms?.complete, milliseconds)],
   ]],
   ["Rays a second", ["primary", "shadow", "gather", "far", "photon"].map((kind) =>
     [kind[0].toUpperCase() + kind.slice(1), (s) => given(s.rays_per_s?.[kind], short)])],

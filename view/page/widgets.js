@@ -60,16 +60,23 @@ export function switch_row(label, value, changed, hint = null) {
   return row(label, field, hint);
 }
 
+/** Places of a slider, 0 to `steps`, on a logarithmic scale of `range`; the leftmost is 0 with `range.zero`. */
+export function log_scale(range, steps) {
+  const span = Math.log(range.max / range.min);
+  const nearest = (number) => Math.round((steps * Math.log(number / range.min)) / span);
+  return {
+    place: (number) => (number <= 0 ? 0 : Math.max(0, Math.min(steps, nearest(number)))),
+    number_at: (at) => (at === 0 && range.zero ? 0 : range.min * Math.exp((span * at) / steps)),
+  };
+}
+
 /**
  * A slider on a logarithmic scale from `range.min` (> 0) to `range.max`, beside a field for the exact number. The
  * leftmost place of a slider with `range.zero` is 0.
  */
 export function slider_row(label, value, range, changed, hint = null) {
   const STEPS = 200;
-  const span = Math.log(range.max / range.min);
-  const place = (number) =>
-    number <= 0 ? 0 : Math.max(0, Math.min(STEPS, Math.round((STEPS * Math.log(number / range.min)) / span)));
-  const number_at = (at) => (at === 0 && range.zero ? 0 : range.min * Math.exp((span * at) / STEPS));
+  const { place, number_at } = log_scale(range, STEPS);
   const slider = element("input", { type: "range", min: 0, max: STEPS, value: place(value), "aria-label": label });
   const field = element("input", { type: "number", min: range.zero ? 0 : range.least ?? 0, max: range.most,
     step: "any" });

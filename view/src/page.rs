@@ -52,6 +52,7 @@ const FILES: &[PageFile] = &page! {
     "/picture.js", "picture.js", SCRIPT;
     "/plot.js", "plot.js", SCRIPT;
     "/settings.js", "settings.js", SCRIPT;
+    "/stage.js", "stage.js", SCRIPT;
     "/statistics.js", "statistics.js", SCRIPT;
     "/status.js", "status.js", SCRIPT;
     "/vector.js", "vector.js", SCRIPT;
