@@ -187,17 +187,15 @@ export class Input {
     if (tag !== undefined && !(tag === "BUTTON" && !["Enter", " "].includes(event.key)) && event.key !== "Escape") {
       return;
     }
-    const is_selected = String(window.getSelection()) !== "";
-    if (event.ctrlKey && event.key === "c" && is_selected) {
-      return;
-    }
     if (FLIGHT[event.code] && !event.ctrlKey && !event.metaKey && !event.altKey && !event.shiftKey) {
       event.preventDefault();
       this.hold(event.code);
       return;
     }
     const action = action_of(event);
-    if (action !== undefined && this.act(action)) {
+    // Text that is selected is what is copied.
+    const is_text = action === "copy_link" && String(window.getSelection()) !== "";
+    if (action !== undefined && !is_text && this.act(action)) {
       event.preventDefault();
     }
   }

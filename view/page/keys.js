@@ -66,10 +66,12 @@ const ACTIONS = new Map(
 export function action_of(event) {
   const control = event.ctrlKey || event.metaKey;
   const is_named = event.key.length > 1 || control;
-  const shift = event.shiftKey && (is_named || /^[A-Z]$/.test(event.key)) ? "Shift+" : "";
-  const key = `${control ? "Ctrl+" : ""}${shift}${event.key}`;
-  const plain = control || event.shiftKey ? undefined : ACTIONS.get(key.toLowerCase());
-  return event.altKey ? undefined : ACTIONS.get(key) ?? plain;
+  const is_letter = /^[a-z]$/i.test(event.key);
+  const shift = event.shiftKey && (is_named || is_letter) ? "Shift+" : "";
+  // Caps Lock turns letters over, and with Cmd a Mac leaves them small: Shift alone says which is meant.
+  const letter = event.shiftKey ? event.key.toUpperCase() : event.key.toLowerCase();
+  const key = `${control ? "Ctrl+" : ""}${shift}${is_letter ? letter : event.key}`;
+  return event.altKey ? undefined : ACTIONS.get(key);
 }
 
 /** Ways to fly by the key's place on the keyboard: [right, up, forward]. */

@@ -90,6 +90,19 @@ test("a key that is held flies, as fast as the clock says", () => {
   assert.equal(frames.length, 0);
 });
 
+/** With Cmd, a Mac's Ctrl, the link to the view took the place of the text that was selected. */
+test("text that is selected is what is copied", () => {
+  for (const held of [{ ctrlKey: true }, { metaKey: true }]) {
+    const { done, made } = input();
+    selection = "some words of a panel";
+    made.key_down({ ...KEY, ...held, key: "c", code: "KeyC" });
+    assert.deepEqual(done, []);
+    selection = "";
+    made.key_down({ ...KEY, ...held, key: "c", code: "KeyC" });
+    assert.deepEqual(done, ["copy_link"]);
+  }
+});
+
 test("keys in a field are the field's", () => {
   const { done, made } = input();
   const field = (tagName) => ({ closest: () => ({ tagName }) });

@@ -38,6 +38,17 @@ test("other keys do nothing", () => {
   }
 });
 
+/** Caps Lock turned letters over: "Z" undid nothing, and Shift made lamps stronger. So does Cmd with Shift on a Mac. */
+test("Shift says which letter is meant, not its case", () => {
+  for (const [pressed, action] of [
+    [event("R"), "reset"], [event("Z", control), "undo"], [event("C", command), "copy_link"],
+    [event("l", shift), "darker"], [event("s", shift), "screenshot"],
+    [event("z", { ...command, ...shift }), "redo"], [event("z", { ...control, ...shift }), "redo"],
+  ]) {
+    assert.equal(action_of(pressed), action, JSON.stringify(pressed));
+  }
+});
+
 test("every key of the table does what it stands beside, and no key stands twice", () => {
   const seen = new Set();
   for (const [keys, text, action] of ROWS) {
