@@ -30,6 +30,7 @@ export class Input {
     this.pointers = new Map();
     this.drag = null;
     this.held = new Set();
+    this.is_flying = false;
     this.speed = 1;
     this.at = [0, 0];
     const { stage } = app;
@@ -139,7 +140,7 @@ export class Input {
     this.drag = null;
     if (kind === "handle") {
       handle.drop(has_moved);
-    } else if (kind === "pick") {
+    } else if (kind === "pick" && event.type !== "pointercancel") {
       this.app.panels.clicked(...this.place(event));
     } else if (has_moved) {
       this.app.rest();
@@ -214,20 +215,23 @@ export class Input {
     }
   }
 
+  /** One flight for all keys that are held, also for one that comes back within a frame. */
   hold(code) {
-    const is_first = this.held.size === 0;
     this.held.add(code);
-    if (is_first) {
-      let before = performance.now();
-      const step = (now) => {
-        if (this.held.size > 0 && this.app.camera !== null) {
-          this.fly(Math.max(0, Math.min(0.1, (now - before) / 1000)));
-          before = now;
-          requestAnimationFrame(step);
-        }
-      };
-      requestAnimationFrame(step);
+    if (this.is_flying) {
+      return;
     }
+    this.is_flying = true;
+    let before = performance.now();
+    const step = (now) => {
+      this.is_flying = this.held.size > 0 && this.app.camera !== null;
+      if (this.is_flying) {
+        this.fly(Math.max(0, Math.min(0.1, (now - before) / 1000)));
+        before = now;
+        requestAnimationFrame(step);
+      }
+    };
+    requestAnimationFrame(step);
   }
 
   fly(seconds) {

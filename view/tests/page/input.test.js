@@ -73,6 +73,15 @@ test("a click with a tool, or with Ctrl, picks where the stage has it", () => {
   assert.deepEqual(done, ["click 100 100", "click 51 20"]);
 });
 
+/** A finger that the browser took away, for a gesture of its own, counted as a click. */
+test("a pointer that is cancelled picks nothing", () => {
+  const { done, made } = input();
+  made.down({ ...BUTTON, ctrlKey: true, clientX: 110, clientY: 120 });
+  made.up({ ...BUTTON, type: "pointercancel", clientX: 110, clientY: 120 });
+  assert.deepEqual(done, []);
+  assert.equal(made.is_busy, false);
+});
+
 test("a key that is held flies, as fast as the clock says", () => {
   const { app, done, made } = input();
   const begin = performance.now();
@@ -88,6 +97,20 @@ test("a key that is held flies, as fast as the clock says", () => {
   animate(begin + 1100);
   assert.deepEqual(done, ["move", "move", "rest"]);
   assert.equal(frames.length, 0);
+});
+
+/** Each press within one frame of the last began a flight of its own beside it: the view flew twice as fast. */
+test("a key that is let go and pressed again within a frame flies once", () => {
+  const { done, made } = input();
+  for (let press = 0; press < 3; press += 1) {
+    made.key_down({ ...KEY, key: "w", code: "KeyW" });
+    made.key_up({ code: "KeyW" });
+  }
+  made.key_down({ ...KEY, key: "w", code: "KeyW" });
+  done.length = 0;
+  animate(performance.now() + 16);
+  animate(performance.now() + 32);
+  assert.deepEqual(done, ["move", "move"]);
 });
 
 /** With Cmd, a Mac's Ctrl, the link to the view took the place of the text that was selected. */
