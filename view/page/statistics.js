@@ -9,7 +9,7 @@ import { bytes, element, short } from "./widgets.js";
 
 /** A time in ms, below ten with a tenth. */
 export const milliseconds = (number) =>
-  (Number.isFinite(number) ? `${number < 10 ? number.toFixed(1) : Math.round(number)} ms` : "-");
+  (Number.isFinite(number) ? `${number < 9.95 ? number.toFixed(1) : Math.round(number)} ms` : "-");
 /** Rows with a plot: [key, label, value of the statistics, text, limit]. */
 const PLOTS = [
   ["memory", "Memory", (s) => s.memory?.used_bytes, bytes, (s) => s.memory?.limit_bytes],

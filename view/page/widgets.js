@@ -177,10 +177,10 @@ export function short(number) {
 export function bytes(number) {
   const units = ["B", "KiB", "MiB", "GiB", "TiB"];
   let [value, at] = [number, 0];
-  while (value >= 1000 && at < units.length - 1) {
+  while (value >= 999.5 && at < units.length - 1) {
     [value, at] = [value / 1024, at + 1];
   }
-  return `${at === 0 ? value : value.toPrecision(3)} ${units[at]}`;
+  return `${at === 0 || value >= 999.5 ? value.toFixed(0) : value.toPrecision(3)} ${units[at]}`;
 }
 
 /** Keeps what is called within one animation frame to the last call. */

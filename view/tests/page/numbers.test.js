@@ -17,6 +17,15 @@ test("bytes have three digits and a unit of 1024", () => {
   ]);
 });
 
+/** "1.00e+3 KiB" stood on the page, rates had all digits of their fraction, and 9.96 ms were "10.0 ms". */
+test("what is rounded up to the next power is written as that one", () => {
+  reads(bytes, [
+    [999.6 * 1024, "0.976 MiB"], [999.4 * 1024, "999 KiB"], [1234 * 2 ** 40, "1234 TiB"],
+    [1000 / 3, "333 B"], [0.2, "0 B"],
+  ]);
+  reads(milliseconds, [[9.94, "9.9 ms"], [9.96, "10 ms"]]);
+});
+
 test("counts have a prefix of 1000", () => {
   reads(short, [
     [0, "0"], [7, "7"], [999, "999"], [1000, "1.00 k"], [1234, "1.23 k"], [12_345, "12.3 k"], [123_456, "123 k"],
