@@ -51,7 +51,7 @@ export class Lights {
       const key = COLOUR[light.type];
       return { ...light, [key]: light[key].map((x) => x * factor) };
     });
-    if (lights.length > 0) {
+    if (lights.length > 0 && this.app.may_edit()) {
       this.app.set_lights(lights);
       this.app.panels.refresh("lights");
       this.app.panels.say(factor > 1 ? "All lamps stronger" : "All lamps weaker");

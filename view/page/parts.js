@@ -111,19 +111,22 @@ export class Parts {
     return new Set(hide ?? all.filter((index) => !only.includes(index)));
   }
 
+  /** False where that cannot be asked for. */
   change_hidden(hidden) {
-    if (hidden && this.wish(wish_of(this.parts, hidden, this.app.state.material_count))) {
+    const is_asked = hidden !== null && this.wish(wish_of(this.parts, hidden, this.app.state.material_count));
+    if (is_asked) {
       this.panels.rebuild();
     }
+    return is_asked;
   }
 
-  /** Hides what is shown, and the other way round. */
+  /** Hides what is shown, and the other way round; false where that cannot be asked for. */
   toggle(index) {
     const { hidden } = this;
     if (hidden && !hidden.delete(index)) {
       hidden.add(index);
     }
-    this.change_hidden(hidden);
+    return this.change_hidden(hidden);
   }
 
   only(index) {
@@ -140,8 +143,7 @@ export class Parts {
   hit(hit) {
     if (hit === null) {
       this.panels.say("Nothing is there");
-    } else if (!this.hides(hit.material)) {
-      this.toggle(hit.material);
+    } else if (!this.hides(hit.material) && this.toggle(hit.material)) {
       this.panels.say(`${hit.name || `Material ${hit.material}`} is hidden`);
     }
   }

@@ -158,3 +158,14 @@ test("a light that brings nothing counts as a new one", () => {
   assert.equal(made.arrives({ ...POINT, intensity: [0, 0, 0] }), 1);
   assert.equal(made.arrives({ ...POINT, position: CAMERA.target }), 1);
 });
+
+/** A page that only watches said that all lamps were stronger, and none was. */
+test("lamps that stay as they are are not said to be stronger", () => {
+  const driving = lights([POINT, SKY]);
+  driving.made.stronger(2);
+  assert.deepEqual(driving.sent, [[{ ...POINT, intensity: [2, 4, 8] }, { ...SKY, radiance: [0.4, 0.4, 0.4] }]]);
+  assert.deepEqual(driving.said, ["All lamps stronger"]);
+  const watching = lights([POINT, SKY], { may_edit: false });
+  watching.made.stronger(2);
+  assert.deepEqual([watching.said, watching.sent], [[], []]);
+});

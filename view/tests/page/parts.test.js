@@ -111,3 +111,18 @@ test("an eye hides and shows again", () => {
   assert.equal(made.parts.hidden_count, 4);
   assert.deepEqual(asks(() => made.show_all()), { section: [], hide: [] });
 });
+
+/** A page that only watches said that a material was hidden, which stayed in the picture. */
+test("what was not hidden is not said to be", () => {
+  const hit = { material: 2, name: "tent" };
+  const driving = panel(WHOLE);
+  driving.asks((made) => made.hit(hit));
+  assert.deepEqual(driving.said, ["tent is hidden"]);
+  const watching = panel(WHOLE, { may_edit: false });
+  watching.asks((made) => made.hit(hit));
+  assert.deepEqual([watching.said, watching.sent], [[], []]);
+  // A list that is too long to be told is left as it is.
+  const untold = panel({ ...WHOLE, hide: null, only: null, hidden_count: 9000 }, { material_count: 20_000 });
+  untold.asks((made) => made.hit(hit));
+  assert.deepEqual([untold.said, untold.sent], [[], []]);
+});
