@@ -139,9 +139,9 @@ export function numbered(name, camera, bounds, model_up, aspect) {
 
 const NUMBERS_OF_A_VIEW = 10;
 
-/** A view as a URL's fragment has it: ten numbers, shortest digits that read back the same. */
+/** A view as a URL's fragment has it: ten numbers, shortest digits that read back the same. A plus is a space there. */
 export function to_text(camera) {
-  return [...camera.position, ...camera.target, ...camera.up, camera.fov_y].map(String).join(",");
+  return [...camera.position, ...camera.target, ...camera.up, camera.fov_y].join(",").replaceAll("+", "");
 }
 
 /** The view that `to_text` wrote; null for anything else. */

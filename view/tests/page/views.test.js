@@ -80,6 +80,17 @@ test("the address holds the view at rest, and opens it again", () => {
   assert.equal(location.hash, "#view=6,0,1,0,0,0,0,1,0,40&other=x");
 });
 
+/** A plus sign in an address is a space: a link to a view of a model this large opened another one. */
+test("a view of any size is read back from a link", async () => {
+  const { to_text } = await page("camera");
+  const app = views();
+  const camera = { ...view(0), position: [1.5e21, -2e300, 3e-9] };
+  // As the link is put together, and as an address bar may have it.
+  location.hash = `#token=abc&view=${to_text(camera)}`;
+  app.views.open_address();
+  assert.deepEqual(app.camera, camera);
+});
+
 test("the cameras of the scene come round", () => {
   const app = views({ views: [view(1), view(2)] });
   const seen = [1, 2, 3].map(() => {
