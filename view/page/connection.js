@@ -109,6 +109,16 @@ export class Connection {
     this.timer = setTimeout(() => this.open(), wait);
   }
 
+  /** Takes a token that has come into the address: tries it at once where the one before was refused. */
+  renew() {
+    const before = this.token;
+    this.token = take_token();
+    if (this.token !== before && this.socket === null && this.timer === null) {
+      this.tries = 0;
+      this.open();
+    }
+  }
+
   get is_open() {
     return this.socket !== null && this.socket.readyState === WebSocket.OPEN;
   }

@@ -4,7 +4,7 @@
 // browser, by the model's name; 3. the address always holds the view at rest, and opens it again.
 
 import { from_text, is_camera, numbered, roll, same, to_text } from "./camera.js";
-import { fragment, replace_fragment, take_token } from "./connection.js";
+import { fragment, replace_fragment } from "./connection.js";
 import { button, element, row } from "./widgets.js";
 
 const HISTORY_MAX = 200;
@@ -20,7 +20,7 @@ export class Views {
     this.has_opened = false;
     app.listen("welcome", () => this.welcomed());
     window.addEventListener("hashchange", () => {
-      take_token();
+      app.connection.renew();
       this.open_address();
     });
   }

@@ -147,3 +147,24 @@ test("a refused token is not tried again", () => {
   assert.equal(sockets.length, 1);
   assert.equal(told.states.at(-1), "refused");
 });
+
+/** Who pasted the right address over a refused one saw no change: a new fragment alone loads no page. */
+test("a new token in the address is tried at once where the old one was refused", () => {
+  const { connection, told } = connected();
+  sockets[0].closes(4401);
+  connection.renew();
+  assert.equal(sockets.length, 1, "the same token is as wrong as before");
+  location.hash = "#token=new";
+  connection.renew();
+  sockets[1].opens();
+  assert.equal(sockets[1].sent[0].token, "new");
+  assert.equal(told.states.at(-1), "connecting");
+  // One that is there while the connection stands is kept for the next time, and changes nothing else.
+  location.hash = "#token=newer";
+  connection.renew();
+  assert.equal(sockets.length, 2);
+  sockets[1].closes();
+  pass(250);
+  sockets[2].opens();
+  assert.equal(sockets[2].sent[0].token, "newer");
+});
