@@ -39,10 +39,14 @@ pub struct StressArgs {
     /// are replaced
     #[arg(long, value_name = "FILE", requires = "reference_spp")]
     pub references: Option<PathBuf>,
+    /// Write what was on show at these times of the last switch, and its reference, into this folder: 80-ms.png,
+    /// reference.png and so on
+    #[arg(long, value_name = "FOLDER", requires = "reference_spp")]
+    pub pictures: Option<PathBuf>,
     /// Where to write the picture that is on show at the end (.png, .exr)
     #[arg(short, long, value_name = "PICTURE")]
     pub output: Option<PathBuf>,
-    /// Replace the picture if it exists
+    /// Replace pictures that exist
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
@@ -78,4 +82,5 @@ Examples:
   trex stress iso.trex --scenario flip --memory-limit 128MiB --require whole.p99=33 --require complete.p50=80
   trex stress iso.trex --scenario teleport --memory-limit 128MiB --reference-spp 256
   trex stress iso.trex --scenario drag --switches 2 --reference-spp 64 --references iso-drag.refs
+  trex stress iso.trex --scenario flip --switches 4 --reference-spp 64 --pictures first-second
   trex stress ship.trex --scenario flip --views cockpit-and-hull.toml --json";

@@ -30,6 +30,7 @@ mod shown_file;
 mod stage;
 mod stress;
 mod stress_options;
+mod stress_pictures;
 mod tradeoff;
 mod verify;
 mod view;

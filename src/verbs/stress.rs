@@ -4,6 +4,7 @@ use super::picture_file::PictureFile;
 use super::references::{self, references, snapshots};
 use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, suit_file};
 use super::stress_options::{T_MAX, stress_options, tell};
+use super::stress_pictures::StressPictures;
 use crate::args::{STRESS_RESOLUTION, StressArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -26,6 +27,8 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let read: Vec<&Path> = inputs.iter().copied().chain(args.references.as_deref()).collect();
     let check = |path| PictureFile::check(path, args.overwrite, Layers::default(), &read);
     let output = args.output.as_deref().map(check).transpose()?;
+    let pictures = |folder| StressPictures::check(folder, args.overwrite, &read);
+    let pictures = args.pictures.as_deref().map(pictures).transpose()?;
     scene.begin_live();
     if scene.model.is_empty() {
         scene.render.resolution = STRESS_RESOLUTION;
@@ -60,8 +63,12 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
         t_max: frames.t_max,
     };
     let mut figures = stress::run(&mut session, &options, snapshots.as_mut(), &stand)?;
+    let exposure = session.view().settings.exposure.factor();
     if let Some(output) = output {
-        output.write(&session, session.view().settings.exposure.factor(), session.thread_pool())?;
+        output.write(&session, exposure, session.thread_pool())?;
+    }
+    if let (Some(pictures), Some(snapshots)) = (pictures, &snapshots) {
+        pictures.write(snapshots, session.film(), exposure, session.thread_pool())?;
     }
     let memory = Memory::new(&ctx.budget);
     if memory.peak_rss_bytes.is_some_and(|peak| peak > memory.limit_bytes) {

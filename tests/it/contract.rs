@@ -1,6 +1,7 @@
 //! The documents of `--json`: the keys that scripts rely on, with their types (design, "The command"). Those of what
 //! measures, `stress` and `bench`, are in `contract/measured.rs`.
 
+mod compared;
 mod measured;
 
 use crate::command::{document_in, folder, listing, run_in};

@@ -17,7 +17,7 @@ use half::f16;
 use std::fs::File;
 use std::path::PathBuf;
 use std::time::Duration;
-use trex_image::flip_bytes;
+use trex_image::{Picture, flip_bytes};
 use trex_render::{LiveSession, PagedTracer};
 use trex_store::{Budget, Lease, Result};
 
@@ -36,6 +36,8 @@ pub struct Snapshots {
     is_written: [bool; ERROR_TIMES_MS.len()],
     /// Times that have passed.
     is_over: [bool; ERROR_TIMES_MS.len()],
+    /// The state that was compared last, and the times whose pictures were.
+    compared: Option<(u32, [bool; ERROR_TIMES_MS.len()])>,
     _lease: Lease,
 }
 
@@ -62,6 +64,7 @@ impl Snapshots {
             is_fresh: false,
             is_written: Default::default(),
             is_over: Default::default(),
+            compared: None,
             _lease: lease,
         })
     }
@@ -113,7 +116,7 @@ impl Snapshots {
     }
 
     /// Errors of the pictures, shown with `exposure`, against state `state`, by time; `None` for times that were not
-    /// reached. They are forgotten.
+    /// reached.
     ///
     /// # Errors
     /// Those of reading both.
@@ -129,8 +132,22 @@ impl Snapshots {
                 *error = PictureError::of(&self.written.read(index)?, &reference, exposure);
             }
         }
-        (self.is_over, self.is_written) = Default::default();
+        self.is_over = Default::default();
+        self.compared = Some((state, std::mem::take(&mut self.is_written)));
         Ok(errors)
+    }
+
+    /// The pictures that were compared last, with the time that each was on show at, ms, and what they were compared
+    /// with, which has none.
+    ///
+    /// # Errors
+    /// Those of reading both.
+    pub fn compared(&self) -> impl Iterator<Item = Result<(Option<u64>, Picture)>> {
+        self.compared.into_iter().flat_map(move |(state, is_compared)| {
+            let times = (0..).zip(ERROR_TIMES_MS).zip(is_compared).filter(|(_, is_compared)| *is_compared);
+            let shown = times.map(move |((index, ms), _)| Ok((Some(ms), self.written.read(index)?)));
+            shown.chain(std::iter::once_with(move || Ok((None, self.references.picture(state)?))))
+        })
     }
 
     /// Writes what is on show at view `view` of a way.
