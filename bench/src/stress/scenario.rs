@@ -22,7 +22,8 @@ use super::vector::{along, length, turned_about, unit};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use trex_render::{
-    Camera, Event, Light, MaterialEdit, Model, Occluders, PagedTracer, Ray, Session, VoxelScene, up_axis,
+    Camera, Event, Light, MaterialEdit, Model, Occluders, PagedTracer, Ray, Session, View, VoxelScene,
+    up_axis,
 };
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::FRAMES_MIN;
@@ -55,6 +56,8 @@ pub(super) struct Script {
     scenario: Scenario,
     seed: u64,
     model: Model,
+    /// Which way is up in it: a hand orbits about that axis.
+    up: [f64; 3],
     /// Overview first.
     views: Vec<Camera>,
     /// Of `teleport`.
@@ -70,7 +73,8 @@ impl Script {
         frames: u64,
     ) -> Script {
         let model = session.model().clone();
-        let overview = session.view().camera;
+        let View { camera: overview, settings, .. } = session.view();
+        let (overview, up) = (*overview, settings.up.direction().unwrap_or_else(|| up_axis(&model.bounds)));
         let mut views = options.views.clone();
         if views.is_empty() {
             let voxels = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On));
@@ -81,7 +85,7 @@ impl Script {
                 // Nothing is known of what is inside: straight through the middle.
                 (Scenario::Fly, None) => ahead(&overview, 1.0),
                 (Scenario::Pingpong, Some(voxels)) => close_up(&model, &overview, voxels),
-                _ => around(&model, &overview, 0.5),
+                _ => around(&model, up, &overview, 0.5),
             };
             views = vec![overview, other];
             if options.scenario == Scenario::Fly {
@@ -98,6 +102,7 @@ impl Script {
             scenario: options.scenario,
             seed: options.seed,
             model,
+            up,
             views,
             poses: Vec::new(),
             frames,
@@ -126,7 +131,7 @@ impl Script {
     pub(super) fn way(&self, index: u32) -> Camera {
         match self.scenario {
             Scenario::Fly => camera_way::fly(&self.views, index),
-            _ => camera_way::drag(&self.views[0], up_axis(&self.model.bounds), index),
+            _ => camera_way::drag(&self.views[0], self.up, index),
         }
     }
 
@@ -162,7 +167,8 @@ impl Script {
             Scenario::Drag | Scenario::Fly => vec![look(self.way(index))],
             Scenario::Teleport => vec![look(self.poses[self.state(index) as usize])],
             Scenario::Sweep => {
-                vec![look(around(&self.model, &self.views[0], f64::from(index) / f64::from(ORBIT_STEPS)))]
+                let turns = f64::from(index) / f64::from(ORBIT_STEPS);
+                vec![look(around(&self.model, self.up, &self.views[0], turns))]
             }
             Scenario::LightEdit => vec![self.light(index % LIGHT_STATES)],
             Scenario::Squeeze => {
@@ -208,10 +214,13 @@ impl Script {
             let edit = MaterialEdit { kd: Some([shade; 3]), ..MaterialEdit::default() };
             return Step::Event(Box::new(Event::Material { index: 0, edit }));
         }
-        let up = up_axis(&self.model.bounds);
-        let angle = f64::from(index) * 0.7;
-        let side =
-            if up[1] > 0.5 { [angle.cos(), 0.0, angle.sin()] } else { [angle.cos(), angle.sin(), 0.0] };
+        let (up, angle) = (self.up, f64::from(index) * 0.7);
+        let (sin, cos) = angle.sin_cos();
+        let side = match up.map(|x| x.abs() > 0.5) {
+            [true, ..] => [0.0, cos, sin],
+            [_, true, _] => [cos, 0.0, sin],
+            _ => [cos, sin, 0.0],
+        };
         let direction = std::array::from_fn(|a| -up[a] + 0.6 * side[a]);
         let sun = Light::Directional { direction, irradiance: [SUN; 3] };
         Step::Event(Box::new(Event::Lights(vec![sun, Light::Sky { radiance: [0.3; 3] }])))
@@ -223,8 +232,8 @@ fn look(camera: Camera) -> Step {
 }
 
 /// The camera after `turns` of the way round the model.
-fn around(model: &Model, camera: &Camera, turns: f64) -> Camera {
-    turned_about(model.bounds.center(), up_axis(&model.bounds), camera, turns)
+fn around(model: &Model, up: [f64; 3], camera: &Camera, turns: f64) -> Camera {
+    turned_about(model.bounds.center(), up, camera, turns)
 }
 
 /// Near the surface that the overview has in its middle.
@@ -323,7 +332,7 @@ mod tests {
         let bounds = Aabb { lo: [0.0, 0.0, 0.0], hi: [2.0, 4.0, 2.0] };
         let model = model(bounds);
         let camera = Camera { position: [5.0, 6.0, 1.0], ..Camera::framing(&bounds, [64, 64], None, None) };
-        assert!(near(around(&model, &camera, 0.5).position, [-3.0, 6.0, 1.0]));
-        assert!(near(around(&model, &camera, 1.0).position, camera.position));
+        assert!(near(around(&model, up_axis(&model.bounds), &camera, 0.5).position, [-3.0, 6.0, 1.0]));
+        assert!(near(around(&model, up_axis(&model.bounds), &camera, 1.0).position, camera.position));
     }
 }
