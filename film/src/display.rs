@@ -229,7 +229,8 @@ impl Display {
         let corners = |index: u32| is_exact(index).then(|| standings[index as usize].corners);
         self.coarse.take_light(film, &corners, pool);
         self.coarse.smooth_exact(&|index| !is_exact(index), pool);
-        self.coarse.carry(step, None, pool);
+        // A picture of the finest grid has one sample where these are of some pixels.
+        self.coarse.carry((step, 1.0 + film.samples() as f32), None, pool);
         self.is_sparse = true;
         self.fill(pool);
         let Display { resolution, radiance, standings, .. } = self;
@@ -311,7 +312,7 @@ impl Display {
         pool: &ThreadPool,
     ) {
         self.coarse.smooth(step, pool);
-        self.coarse.carry(step, reprojection, pool);
+        self.coarse.carry((step, 1.0), reprojection, pool);
         (self.shown, self.is_sparse, self.is_fresh) = (Some((state, step)), true, true);
         self.standings.fill(TileWorth::of_preview(state));
         if is_sparse {

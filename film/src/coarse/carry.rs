@@ -35,9 +35,14 @@ impl Coarse {
         }
     }
 
-    /// Mixes the light of the samples at every `step`-th pixel, which were smoothed last, with that before, and keeps
-    /// it for the next; does nothing without room for a history.
-    pub(crate) fn carry(&mut self, step: u32, reprojection: Option<&dyn Reprojection>, pool: &ThreadPool) {
+    /// Mixes the light of the samples at every `step`-th pixel, which were smoothed last and are worth so many
+    /// `pictures`, with that before, and keeps it for the next; does nothing without room for a history.
+    pub(crate) fn carry(
+        &mut self,
+        (step, pictures): (u32, f32),
+        reprojection: Option<&dyn Reprojection>,
+        pool: &ThreadPool,
+    ) {
         let Coarse { resolution, surfaces, light, work, history } = self;
         let Some(history) = history else { return };
         let resolution = *resolution;
@@ -45,7 +50,7 @@ impl Coarse {
         let stride = (step / KEPT_STEP) as usize;
         let smoothed = &mut work[smoothed_place(resolution, step)];
         // A sample stands for what is around it, since light is smoothed: by the side of that.
-        let worth = KEPT_STEP as f32 / step as f32;
+        let worth = (pictures * KEPT_STEP as f32 / step as f32).min(HISTORY_MOST);
         let (before, now) = history.parts();
         let [red, green, blue] = planes_mut(smoothed).map(|plane| plane.par_chunks_exact_mut(columns));
         let rows = red.zip(green).zip(blue).zip(now.rows(pitch * stride)).enumerate();

@@ -1,5 +1,7 @@
 //! Tests of the display: what is between samples, what it is worth, and the light of exact ones in it.
 
+mod history;
+
 use super::*;
 use crate::coarse::STEPS;
 use crate::film::{Layers, NO_ID};
@@ -271,121 +273,4 @@ fn a_sparse_picture_is_that_of_its_samples_until_it_is_filled() {
         (0..2).for_each(|_| sparse.fill(&pool(2)));
         assert_eq!((sparse.radiance == whole.radiance, sparse.state()), (true, Some(8)), "{step}");
     }
-}
-
-/// A display that keeps the picture before.
-fn with_history() -> Display {
-    let mut display = display(RESOLUTION);
-    let bytes = Display::history_bytes(RESOLUTION);
-    display.keep_history(Some(Budget::unlimited().lease("the picture before", bytes).unwrap()));
-    display
-}
-
-/// All that is seen has moved so many pixels to the right, and as far away as it was.
-struct MovedRight(f64);
-
-impl Reprojection for MovedRight {
-    fn before(&self, [x, y]: [f64; 2], depth: f64) -> Option<([f64; 2], f64)> {
-        Some(([x - self.0, y], depth))
-    }
-}
-
-/// Shows a picture of the finest grid, whose samples saw what `seen` says, in light of `radiance`.
-fn show_moved(
-    display: &mut Display,
-    moved: Option<f64>,
-    seen: impl Fn([u32; 2]) -> LayerPixel,
-    radiance: impl Fn([u32; 2]) -> f32,
-) {
-    for pixel in pixels().filter(|pixel| pixel.iter().all(|v| v % 2 == 0)) {
-        display.set(pixel, Vec3::splat(radiance(pixel)), &seen(pixel));
-    }
-    let moved = moved.map(MovedRight);
-    let reprojection = moved.as_ref().map(|moved| moved as &dyn Reprojection);
-    display.show((0, 2), false, reprojection, &pool(2));
-}
-
-/// What is seen again has the mean of its light in all pictures; what comes in from the left has that of the last.
-#[test]
-fn light_is_carried_to_where_its_surface_is_seen() {
-    let plain = |_: [u32; 2]| seen([0, 0]);
-    let mut display = with_history();
-    for (index, light) in [1.0, 4.0, 7.0].into_iter().enumerate() {
-        assert_eq!(display.remember(), index > 0, "nothing was shown before the first");
-        show_moved(&mut display, Some(4.0), plain, |_| light);
-        for [x, y] in pixels() {
-            // So many pictures had it before, as far as the samples around say.
-            let (least, most) = (index.min(x as usize / 4), index.min((x as usize).div_ceil(4)));
-            let mean = |count: usize| [light, light - 1.5, light - 3.0][count];
-            let found = at(&display, [x, y])[0];
-            let is_between = (mean(most) - 1e-2..=mean(least) + 1e-2).contains(&found);
-            assert!(is_between, "{index} {x} {y}: {found}");
-        }
-    }
-}
-
-#[test]
-fn noise_falls_from_picture_to_picture_to_a_bound() {
-    let plain = |_: [u32; 2]| seen([0, 0]);
-    let mut display = with_history();
-    let mut variances = vec![];
-    for picture in 0..40u64 {
-        display.remember();
-        let noise = |[x, y]: [u32; 2]| (mix(picture << 32 | u64::from(x << 16 | y)) % 1000) as f32 / 500.0;
-        show_moved(&mut display, Some(0.0), plain, noise);
-        variances.push(pixels().map(|pixel| (at(&display, pixel)[0] - 1.0).powi(2)).sum::<f32>());
-    }
-    let mean = |of: &[f32]| of.iter().sum::<f32>() / of.len() as f32;
-    assert!(variances[0] > 3.0 * mean(&variances[8..]), "{variances:?}");
-    // What was long ago counts ever less: light that has changed comes through.
-    for _ in 0..20 {
-        display.remember();
-        show_moved(&mut display, Some(0.0), plain, |_| 5.0);
-    }
-    assert!(pixels().all(|pixel| at(&display, pixel)[0] > 4.5));
-}
-
-/// Another surface, another form, a hole, a step out of the picture, light that has changed.
-#[test]
-fn what_was_not_seen_before_has_no_light_of_before() {
-    let same = seen([0, 0]);
-    let others = [
-        LayerPixel { depth: 6.0, ..same },
-        LayerPixel { id: NO_ID, ..same },
-        LayerPixel { albedo: [0.5, 0.5, 0.7], ..same },
-        LayerPixel { normal: [0.8, 0.0, 0.6], ..same },
-        LayerPixel::NOTHING,
-    ];
-    let shown = |now: LayerPixel, moved: Option<f64>, is_forgotten: bool| {
-        let mut display = with_history();
-        show_moved(&mut display, None, |_| same, |_| 1.0);
-        assert!(display.remember() && !display.remember(), "once a picture");
-        if is_forgotten {
-            display.forget();
-        }
-        show_moved(&mut display, moved, |_| now, |_| 3.0);
-        at(&display, [9, 6])[0]
-    };
-    for other in others {
-        assert!((shown(other, Some(0.0), false) - 3.0).abs() < 1e-2, "{other:?}");
-    }
-    assert!((shown(same, Some(0.0), false) - 2.0).abs() < 1e-2);
-    for (moved, is_forgotten) in
-        [(Some(100.0), false), (Some(f64::NAN), false), (None, false), (Some(0.0), true)]
-    {
-        assert!((shown(same, moved, is_forgotten) - 3.0).abs() < 1e-2, "{moved:?}");
-    }
-}
-
-/// A hand that rests finds the last picture whole, also when the camera has gone on by then.
-#[test]
-fn a_sparse_picture_can_be_filled_once_it_is_the_one_before() {
-    let light = |[x, y]: [u32; 2]| (x + y) as f32;
-    let whole = shown(2, light);
-    let mut sparse = with_history();
-    set_samples(&mut sparse, 2, light);
-    sparse.show((7, 2), true, None, &pool(2));
-    assert!(sparse.remember());
-    sparse.fill(&pool(2));
-    assert!(sparse.radiance == whole.radiance);
 }
