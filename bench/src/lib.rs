@@ -4,6 +4,7 @@
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> figures of README.md and docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
 //!   ^ page_io: pages at random, through each backend
+//!   ^ smooth: what a viewer shows of few samples, to be judged beside another filter
 //!   ^ stress: a session under views and limits that change
 //!   ^ tradeoff: pictures for each turn of each knob, their cost and their error
 //! ```
@@ -11,6 +12,7 @@
 //! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
 
 pub mod building;
+mod channels;
 pub mod docs;
 mod full_pool;
 pub mod machine;
@@ -21,5 +23,6 @@ mod peers;
 mod plot;
 pub mod rays;
 pub mod record;
+pub mod smooth;
 pub mod stress;
 pub mod tradeoff;

@@ -37,6 +37,8 @@ enum Verb {
     Io(workload::IoArgs),
     /// Triangles per second of the build of a generated mesh
     Build(workload::BuildArgs),
+    /// What a viewer shows of a picture of few samples, and the time of its filter
+    Smooth(workload::SmoothArgs),
     /// Rewrite the figures of README.md and docs/ from the records
     Docs {
         /// Write nothing; exit 1 if a file would change
@@ -72,6 +74,7 @@ fn main() -> anyhow::Result<ExitCode> {
         Verb::Rays(args) => workload::rays(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Io(args) => workload::io(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
+        Verb::Smooth(args) => workload::smooth(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Docs { check: true } => check_docs(&root),
         Verb::Docs { check: false } => write_docs(&root),
         Verb::Record { name, command, scene, seed, machine, document } => {

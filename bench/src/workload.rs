@@ -1,6 +1,6 @@
-//! The verbs `rays`, `io` and `build` of `trex-bench`: flags to options, figures to one JSON document.
+//! The verbs `rays`, `io`, `build` and `smooth` of `trex-bench`: flags to options, figures to one JSON document.
 //!
-//! The command `trex` has them as `trex bench`, without peers.
+//! The command `trex` has the first three as `trex bench`, without peers.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
@@ -11,6 +11,7 @@ use trex_bench::building;
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::page_io::{self, PageIoOptions};
 use trex_bench::rays::{self, Peer, RayOptions};
+use trex_bench::smooth::{self, MAX_SAMPLES, SmoothOptions};
 use trex_store::io::IoOptions;
 use trex_store::{Budget, Interrupt};
 
@@ -97,6 +98,21 @@ pub(crate) struct BuildArgs {
     common: CommonArgs,
 }
 
+/// `trex-bench smooth`
+#[derive(Debug, Args)]
+pub(crate) struct SmoothArgs {
+    /// An EXR of `trex render --filter off --layers albedo,normal,depth`
+    picture: PathBuf,
+    /// Where what is shown goes, an EXR
+    #[arg(long, short, value_name = "PICTURE")]
+    output: PathBuf,
+    /// Samples of each pixel that the picture has
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)))]
+    spp: u32,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
 impl CommonArgs {
     fn surroundings(&self) -> Surroundings {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -142,6 +158,17 @@ pub(crate) fn io(args: &IoArgs, command: &str) -> anyhow::Result<()> {
 pub(crate) fn build(args: &BuildArgs, command: &str) -> anyhow::Result<()> {
     let around = args.common.surroundings();
     tell("bench-build", command, &building::run(&args.spec, usize::from(args.common.rounds), &around)?)
+}
+
+/// Runs `trex-bench smooth`.
+pub(crate) fn smooth(args: &SmoothArgs, command: &str) -> anyhow::Result<()> {
+    let options = SmoothOptions {
+        picture: args.picture.clone(),
+        output: args.output.clone(),
+        samples: args.spp,
+        rounds: usize::from(args.common.rounds),
+    };
+    tell("bench-smooth", command, &smooth::run(&options, &args.common.surroundings())?)
 }
 
 #[cfg(feature = "peer-embree")]

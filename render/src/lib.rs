@@ -71,7 +71,7 @@ pub use trace::{
 };
 pub use trex_film::{
     CAMERA_NUMBERS, Display, Film, Image, LayerPixel, Layers, MergeSetup, MergedStrips, Misfit, NO_ID,
-    PART_MAGIC, PartDifference, PartFile, PartHead, Portion, Saliency, Strips, TILE_SIDE_PIXELS, Tile,
+    PART_MAGIC, PartDifference, PartFile, PartHead, Portion, STEPS, Saliency, Strips, TILE_SIDE_PIXELS, Tile,
     TileOrder, Tiles, digest, encoder_bytes, film_bytes, filter_bytes, merge_bytes, misfit, tile_count,
     write_exr, write_exr_strips, write_part, write_png, write_png_strips,
 };

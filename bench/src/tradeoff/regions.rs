@@ -9,7 +9,7 @@
 //! Two pixels are on one surface when their depths differ by less than 2 %, their normals by less than 18 degrees, and
 //! their albedos by less than 0.02 a channel.
 
-use exr::prelude::*;
+use crate::channels::Channels;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -44,47 +44,6 @@ pub(super) struct ReferencePicture {
     /// The relMSE that its own noise comes to.
     pub(super) floor: f64,
     masks: Vec<(&'static str, Vec<bool>)>,
-}
-
-/// The channels of an EXR of ours, by name.
-struct Channels {
-    width: usize,
-    height: usize,
-    planes: BTreeMap<String, Vec<f32>>,
-}
-
-impl Channels {
-    fn read(path: &Path) -> anyhow::Result<Channels> {
-        let image = read()
-            .no_deep_data()
-            .largest_resolution_level()
-            .all_channels()
-            .first_valid_layer()
-            .all_attributes()
-            .from_file(path)
-            .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?;
-        let Vec2(width, height) = image.layer_data.size;
-        let channels = image.layer_data.channel_data.list;
-        let plane = |channel: &AnyChannel<FlatSamples>| {
-            let values = channel.sample_data.values_as_f32().collect();
-            (channel.name.to_string(), values)
-        };
-        Ok(Channels { width, height, planes: channels.iter().map(plane).collect() })
-    }
-
-    fn plane(&self, name: &str) -> anyhow::Result<&[f32]> {
-        self.planes.get(name).map(Vec::as_slice).ok_or_else(|| anyhow::anyhow!("no channel {name}"))
-    }
-
-    fn colours(&self, names: [&str; 3]) -> anyhow::Result<Vec<[f32; 3]>> {
-        let [a, b, c] = [self.plane(names[0])?, self.plane(names[1])?, self.plane(names[2])?];
-        Ok((0..a.len()).map(|i| [a[i], b[i], c[i]]).collect())
-    }
-
-    fn picture(&self) -> anyhow::Result<Picture> {
-        let pixels = self.colours(["R", "G", "B"])?;
-        Ok(Picture { width: self.width as u32, height: self.height as u32, pixels })
-    }
 }
 
 /// The picture of an EXR of ours.
