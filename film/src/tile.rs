@@ -37,6 +37,9 @@ pub enum TileOrder {
     /// Groups of 8x8 tiles that catch the eye in the last picture first, those of a group along a z-curve: single tiles
     /// by saliency are strewn over the picture, so that where frames are scarce each page is read again and again.
     Saliency(Saliency),
+    /// The same groups, by how wrong they are likely to look in the last picture: by contrast, more where they catch
+    /// the eye.
+    Error(Saliency),
 }
 
 /// The bit of a pixel (x, y) among those of its tile, by rows.
@@ -46,7 +49,7 @@ pub(crate) fn bit([x, y]: [u32; 2]) -> u32 {
 
 impl Default for TileOrder {
     fn default() -> TileOrder {
-        TileOrder::Saliency(Saliency::Achanta)
+        TileOrder::Error(Saliency::Achanta)
     }
 }
 
@@ -95,13 +98,17 @@ impl Tiles {
             TileOrder::ZCurve => {}
             TileOrder::Row => tiles.order.sort_unstable(),
             TileOrder::Random => tiles.order.sort_unstable_by_key(|&index| mix(u64::from(index))),
-            TileOrder::Saliency(metric) => {
-                let score = tiles.group_means(&metric.tiles(eye));
-                // A stable sort: groups, and tiles of a group, stay on the z-curve.
-                tiles.order.sort_by(|&a, &b| score[b as usize].total_cmp(&score[a as usize]));
-            }
+            TileOrder::Saliency(metric) => tiles.sort_groups(&metric.tiles(eye)),
+            TileOrder::Error(metric) => tiles.sort_groups(&metric.errors(eye)),
         }
         tiles
+    }
+
+    /// Moves groups of a greater mean `score` before others; those of one score, and the tiles of a group, stay on
+    /// their curve.
+    fn sort_groups(&mut self, score: &[f32]) {
+        let means = self.group_means(score);
+        self.order.sort_by(|&a, &b| means[b as usize].total_cmp(&means[a as usize]));
     }
 
     /// The mean of `score` over the group of each tile, both by the tiles' indices.
@@ -195,12 +202,14 @@ mod tests {
         }
     }
 
-    const ORDERS: [TileOrder; 5] = [
+    const ORDERS: [TileOrder; 7] = [
         TileOrder::ZCurve,
         TileOrder::Row,
         TileOrder::Random,
         TileOrder::Saliency(Saliency::Achanta),
         TileOrder::Saliency(Saliency::Itti),
+        TileOrder::Error(Saliency::Achanta),
+        TileOrder::Error(Saliency::Itti),
     ];
     /// Pictures that are and are not a square of a power of two, and some whose last tiles are cut.
     const RESOLUTIONS: [[u32; 2]; 5] = [[64, 64], [128, 40], [101, 75], [5, 300], [8, 8]];
@@ -255,8 +264,7 @@ mod tests {
             quarters([0, 0], 64, &mut square);
             let there = square.into_iter().filter(|&[x, y]| x < width && y < height);
             let z_curve: Vec<u32> = there.map(|[x, y]| y * width + x).collect();
-            let salience = |metric: Saliency| {
-                let score = metric.tiles(&picture(resolution));
+            let by_groups = |score: Vec<f32>| {
                 assert!(score.len() == 1 || score.iter().any(|one| *one != score[0]), "{resolution:?}");
                 let near = |a: u32, b: u32| a % width / 8 == b % width / 8 && a / width / 8 == b / width / 8;
                 select(z_curve.clone(), |index| {
@@ -273,7 +281,8 @@ mod tests {
                     TileOrder::Random => {
                         select(z_curve.clone(), |index| -((mix(u64::from(index)) >> 11) as f64))
                     }
-                    TileOrder::Saliency(metric) => salience(metric),
+                    TileOrder::Saliency(metric) => by_groups(metric.tiles(&picture(resolution))),
+                    TileOrder::Error(metric) => by_groups(metric.errors(&picture(resolution))),
                 };
                 assert_eq!(indices(resolution, order), expected, "{resolution:?} {order:?}");
             }

@@ -93,7 +93,7 @@ pub struct DeadlineArgs {
     /// late [default: 64]
     #[arg(long, help_heading = RESEARCH, value_name = "N", value_parser = values::fetch_block)]
     pub fetch_block: Option<FetchBlock>,
-    /// Which tiles come first [default: saliency]
+    /// Which tiles come first [default: error]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "ORDER")]
     pub tile_order: Option<TileOrderArg>,
     /// What catches the eye [default: achanta]
@@ -120,6 +120,8 @@ pub enum TileOrderArg {
     Random,
     /// What catches the eye in the last picture
     Saliency,
+    /// Where the last picture is likely to be wrong, and what of that catches the eye
+    Error,
 }
 
 /// `--prefetch`.
@@ -208,7 +210,8 @@ impl DeadlineArgs {
                 Some(TileOrderArg::Zcurve) => TileOrder::ZCurve,
                 Some(TileOrderArg::Row) => TileOrder::Row,
                 Some(TileOrderArg::Random) => TileOrder::Random,
-                None | Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
+                Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
+                None | Some(TileOrderArg::Error) => TileOrder::Error(saliency),
             },
         }
     }

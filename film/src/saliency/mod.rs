@@ -4,6 +4,7 @@
 //! picture -> means of 4 x 4 pixels -> Achanta: distance in Lab to the mean colour            -> mean per tile
 //!                                  -> Itti: centre minus surround of intensity, colour pairs
 //!                                     and orientation, over scales; what stands out alone    -> mean per tile
+//! picture -> differences of neighbours in a tile                                            -> mean per tile
 //! ```
 //!
 //! R. Achanta, S. Hemami, F. Estrada, S. Suesstrunk, "Frequency-tuned salient region detection" (2009); L. Itti, C.
@@ -18,6 +19,7 @@
 //! Invariants: 1. a picture of one colour has one saliency everywhere; 2. every pixel counts.
 
 mod achanta;
+mod contrast;
 mod itti;
 mod plane;
 mod reduced;
@@ -55,5 +57,15 @@ impl Saliency {
             Saliency::Achanta => achanta::map(picture).means(reduced::SAMPLES_PER_SIDE).values,
             Saliency::Itti => itti::map(picture).values,
         }
+    }
+
+    /// How wrong each tile is likely to look, in rows: its contrast, and as much again where it is as salient as the
+    /// mean.
+    pub(crate) fn errors(self, picture: &ReducedPicture) -> Vec<f32> {
+        let saliency = self.tiles(picture);
+        let mean = saliency.iter().sum::<f32>() / saliency.len() as f32;
+        let error =
+            |(saliency, contrast): (&f32, &f32)| contrast * (1.0 + saliency / mean.max(f32::MIN_POSITIVE));
+        saliency.iter().zip(&picture.contrast).map(error).collect()
     }
 }

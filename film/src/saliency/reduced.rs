@@ -1,5 +1,6 @@
 //! The picture as the metrics see it: means of a few pixels, a whole number a tile.
 
+use super::contrast::ContrastSums;
 use super::plane::Plane;
 use std::ops::Range;
 
@@ -16,6 +17,8 @@ pub struct ReducedPicture {
     /// Width and height, samples.
     pub(super) size: [usize; 2],
     pub(super) rgb: Vec<[f32; 3]>,
+    /// How much neighbours differ, by tiles.
+    pub(super) contrast: Vec<f32>,
 }
 
 impl ReducedPicture {
@@ -25,11 +28,12 @@ impl ReducedPicture {
     pub fn new(resolution: [u32; 2], mut fill: impl FnMut([u32; 2], &mut [[f32; 3]])) -> ReducedPicture {
         let [width, height] = resolution;
         let size = resolution.map(|side| side.div_ceil(SIDE_PIXELS) * SAMPLES_PER_SIDE);
+        let mut contrast = ContrastSums::new(resolution);
         let mut rgb = Vec::with_capacity(size[0] as usize * size[1] as usize);
         let mut tile = [[0.0; 3]; SIDE_PIXELS as usize];
         // In f64 the mean of one colour is that colour, of however many pixels.
         let mut sums = vec![[0.0f64; 3]; size[0] as usize];
-        for rows in (0..size[1]).map(|y| pixels(y, height)) {
+        for (rows, is_there) in (0..size[1]).map(|y| (pixels(y, height), y * SAMPLE_PIXELS < height)) {
             sums.fill([0.0; 3]);
             for y in rows.clone() {
                 for (x, sums) in
@@ -37,6 +41,9 @@ impl ReducedPicture {
                 {
                     let tile = &mut tile[..SIDE_PIXELS.min(width - x) as usize];
                     fill([x, y], tile);
+                    if is_there {
+                        contrast.add([x, y], tile);
+                    }
                     for (sample, sum) in (0..).zip(sums) {
                         let pixels = pixels(sample, tile.len() as u32);
                         for rgb in &tile[pixels.start as usize..pixels.end as usize] {
@@ -50,7 +57,7 @@ impl ReducedPicture {
                 sum.map(|sum| (sum / count) as f32)
             }));
         }
-        ReducedPicture { size: size.map(|side| side as usize), rgb }
+        ReducedPicture { size: size.map(|side| side as usize), rgb, contrast: contrast.means() }
     }
 
     /// As [`ReducedPicture::new`], pixel by pixel.

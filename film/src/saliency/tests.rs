@@ -251,3 +251,42 @@ fn lab_is_that_of_the_tables() {
         }
     }
 }
+
+/// Contrast is the mean difference of roots of luminance between neighbours of a tile; what is flat has no error,
+/// however bright and salient, and of tiles of one contrast the one that catches the eye looks the most wrong.
+#[test]
+fn what_is_flat_is_not_wrong_and_what_catches_the_eye_looks_it() {
+    // Columns of a tile: stripes from black to a quarter, whose root is a half; the tile to its right is white.
+    let picture = ReducedPicture::of([5 * SIDE_PIXELS, 2 * SIDE_PIXELS + 3], |[x, y]| {
+        let tile = [x, y].map(|v| v / SIDE_PIXELS);
+        let stripe = if x % 2 == 0 { [0.0; 3] } else { [0.25; 3] };
+        let step = if y % SIDE_PIXELS < 4 { [0.0; 3] } else { [0.25; 3] };
+        match tile {
+            [1, 1] => stripe,
+            [2, 1] => [9.0; 3],
+            [3, 2] => stripe,
+            [4, 0] => step,
+            _ => [0.0; 3],
+        }
+    });
+    let side = SIDE_PIXELS as f32;
+    let (across, down) = (side * (side - 1.0), side * (side - 1.0));
+    let expected = |tile: usize| match tile {
+        6 => 0.5 * across / (across + down),
+        // Three rows of it are in the picture.
+        13 => 0.5 * (3.0 * (side - 1.0)) / (3.0 * (side - 1.0) + 2.0 * side),
+        4 => 0.5 * side / (across + down),
+        _ => 0.0,
+    };
+    for (tile, found) in picture.contrast.iter().enumerate() {
+        assert!((found - expected(tile)).abs() < 1e-5, "{tile}: {found}");
+    }
+    for metric in BOTH {
+        let (errors, saliency) = (metric.errors(&picture), metric.tiles(&picture));
+        let mean = saliency.iter().sum::<f32>() / saliency.len() as f32;
+        for (tile, found) in errors.iter().enumerate() {
+            let expected = expected(tile) + expected(tile) * saliency[tile] / mean;
+            assert!((found - expected).abs() < 1e-4, "{metric:?} {tile}: {found} {expected}");
+        }
+    }
+}

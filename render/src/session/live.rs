@@ -240,15 +240,15 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         self.live.event = EventState::new(event_at, self.film.state(), ladder);
     }
 
-    /// Puts the tiles of the present state in order, the stalest first. Not before a preview of it is there: what
-    /// catches the eye is asked of that, and while the hand moves no tile is begun.
+    /// Puts the tiles of the present state in order, the stalest first. Not before a preview of it is there: what is
+    /// likely to be wrong, and what catches the eye, is asked of that, and while the hand moves no tile is begun.
     pub(super) fn put_in_order(&mut self) {
         if !self.live.event.note_order() {
             return;
         }
         let (order, resolution) = (self.live.options.order, self.view.settings.resolution);
         let eye = match order {
-            TileOrder::Saliency(_) => {
+            TileOrder::Saliency(_) | TileOrder::Error(_) => {
                 self.live.display.release_work(&self.session.pool);
                 ReducedPicture::new(resolution, |first, radiances| self.show(first, radiances))
             }
