@@ -102,17 +102,27 @@ export class Views {
     }
   }
 
+  /** False, and said, where the browser keeps nothing: its store is full, or closed to this page. */
   keep_bookmarks(marks) {
-    localStorage.setItem(this.key, JSON.stringify(marks.slice(-BOOKMARKS_MAX)));
+    try {
+      localStorage.setItem(this.key, JSON.stringify(marks.slice(-BOOKMARKS_MAX)));
+    } catch (error) {
+      this.app.notices.show({ level: "error", text: "the browser does not keep the views of this model",
+        place: this.key, numbers: String(error?.name ?? error),
+        next: "let it store data of this page, or copy the link, which holds the view" });
+      return false;
+    }
     this.app.panels.refresh("views");
+    return true;
   }
 
   bookmark() {
     const marks = this.bookmarks();
     const numbers = marks.map((mark) => Number(/^View (\d+)$/.exec(mark.name)?.[1] ?? 0));
     const name = `View ${Math.max(0, ...numbers) + 1}`;
-    this.keep_bookmarks([...marks, { name, camera: this.app.camera }]);
-    this.app.notices.info(`kept as “${name}”`);
+    if (this.keep_bookmarks([...marks, { name, camera: this.app.camera }])) {
+      this.app.notices.info(`kept as “${name}”`);
+    }
   }
 
   /** The panel. */

@@ -100,6 +100,18 @@ test("the cameras of the scene come round", () => {
   assert.deepEqual(seen, [1, 2, 1]);
 });
 
+test("a browser that keeps nothing is told of, and nothing is said to be kept", () => {
+  const app = views();
+  const told = [];
+  app.notices = { info: (text) => told.push(["info", text]), show: (notice) => told.push([notice.level, notice.numbers]) };
+  localStorage.setItem = () => {
+    throw new DOMException("the quota has been exceeded", "QuotaExceededError");
+  };
+  app.views.bookmark();
+  assert.deepEqual(told, [["error", "QuotaExceededError"]]);
+  assert.deepEqual(app.views.bookmarks(), []);
+});
+
 test("bookmarks are kept by the model's name, and what is none is left out", () => {
   const app = views();
   app.views.bookmark();
