@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! samples -> light alone: radiance over albedo
-//!         -> smoothed over neighbours of one surface, 3x3 of them, then 3x3 of every second one, of every fourth
-//!            (a-trous)
+//!         -> smoothed over neighbours alike in depth and albedo, for less the more their normals differ: 3x3 of them,
+//!            then 3x3 of every second one, of every fourth (a-trous)
 //!         -> pixels between, from the four samples around: bilinear where these are of one surface, else like the
 //!            nearest -> radiance
 //! ```

@@ -1,6 +1,7 @@
-//! `Neighbours`: the light of samples beside those of a row, added where both are of one surface.
+//! `Neighbours`: the light of samples beside those of a row, added where both are alike in depth and albedo, for less the
+//! more their normals differ: a bump has light of its own, and a surface that is all bumps has no other neighbours.
 
-use super::surface::{ALBEDO_APART, DEPTH_SHARE, NORMAL_COS, SurfaceRow};
+use super::surface::{ALBEDO_APART, DEPTH_SHARE, SurfaceRow};
 
 /// A row of samples from column `first` on, and neighbours of them: of `row`, from column `at` on.
 pub(super) struct Neighbours<'a> {
@@ -12,7 +13,8 @@ pub(super) struct Neighbours<'a> {
 }
 
 impl<'a> Neighbours<'a> {
-    /// Adds the weights and the light of the neighbours to their sums, where these are of one surface.
+    /// Adds the weights and the light of the neighbours to their sums: the given weight times the 16th power of the
+    /// cosine between the normals, where depth and albedo are alike.
     #[inline]
     pub(super) fn add(&self, total: &mut [f32], [red, green, blue]: [&mut [f32]; 3], weight: f32) {
         let count = total.len();
@@ -30,12 +32,18 @@ impl<'a> Neighbours<'a> {
             let dot = nx0[i] * nx1[i] + ny0[i] * ny1[i] + nz0[i] * nz1[i];
             let apart = (ar0[i] - ar1[i]).abs().max((ag0[i] - ag1[i]).abs()).max((ab0[i] - ab1[i]).abs());
             let is_near = (d0[i] - d1[i]).abs() < DEPTH_SHARE * d0[i].min(d1[i]);
-            let is_alike = is_near & (dot > NORMAL_COS) & (apart < ALBEDO_APART);
-            let weight = if is_alike { weight } else { 0.0 };
+            let is_alike = is_near & (apart < ALBEDO_APART);
+            let weight = if is_alike { weight * power_16(dot.clamp(0.0, 1.0)) } else { 0.0 };
             total[i] += weight;
             red[i] += weight * lr[i];
             green[i] += weight * lg[i];
             blue[i] += weight * lb[i];
         }
     }
+}
+
+#[inline]
+fn power_16(x: f32) -> f32 {
+    let fourth = (x * x) * (x * x);
+    (fourth * fourth) * (fourth * fourth)
 }

@@ -1,11 +1,12 @@
 //! Contrast: how much neighbours in a tile differ to the eye. A picture that was made of few samples is wrong where it
 //! is not flat: at edges, in texture, in noise.
 
-use super::reduced::SIDE_PIXELS;
 use crate::packed::luminance;
 
 /// Sums of the differences between pixels beside and above each other, by tiles; none over the edge of a tile.
 pub(super) struct ContrastSums {
+    /// Pixels of a tile along a side.
+    side: u32,
     /// Tiles in a row.
     columns: usize,
     /// The sum, and how many differences that is of.
@@ -15,20 +16,22 @@ pub(super) struct ContrastSums {
 }
 
 impl ContrastSums {
-    /// Of a picture of `resolution` (width, height; pixels), of which nothing is known yet.
-    pub(super) fn new(resolution: [u32; 2]) -> ContrastSums {
-        let [columns, rows] = resolution.map(|side| side.div_ceil(SIDE_PIXELS) as usize);
+    /// Of a picture of `resolution` (width, height; pixels), in tiles of `side` pixels, of which nothing is known yet.
+    pub(super) fn new(resolution: [u32; 2], side: u32) -> ContrastSums {
+        let [columns, rows] = resolution.map(|pixels| pixels.div_ceil(side) as usize);
         ContrastSums {
+            side,
             columns,
             sums: vec![(0.0, 0.0); columns * rows],
-            above: vec![0.0; columns * SIDE_PIXELS as usize],
+            above: vec![0.0; columns * side as usize],
         }
     }
 
     /// Adds the pixels of a row of a tile, from (x, y) on, linear RGB; rows come from the top down.
     pub(super) fn add(&mut self, [x, y]: [u32; 2], row: &[[f32; 3]]) {
-        let sums = &mut self.sums[(y / SIDE_PIXELS) as usize * self.columns + (x / SIDE_PIXELS) as usize];
-        let is_first = y % SIDE_PIXELS == 0;
+        let [column, row_of_tiles] = [x, y].map(|v| (v / self.side) as usize);
+        let sums = &mut self.sums[row_of_tiles * self.columns + column];
+        let is_first = y % self.side == 0;
         let mut left = None;
         for (rgb, above) in row.iter().zip(&mut self.above[x as usize..]) {
             // About as light as it looks.

@@ -28,7 +28,7 @@ impl ReducedPicture {
     pub fn new(resolution: [u32; 2], mut fill: impl FnMut([u32; 2], &mut [[f32; 3]])) -> ReducedPicture {
         let [width, height] = resolution;
         let size = resolution.map(|side| side.div_ceil(SIDE_PIXELS) * SAMPLES_PER_SIDE);
-        let mut contrast = ContrastSums::new(resolution);
+        let mut contrast = ContrastSums::new(resolution, SIDE_PIXELS);
         let mut rgb = Vec::with_capacity(size[0] as usize * size[1] as usize);
         let mut tile = [[0.0; 3]; SIDE_PIXELS as usize];
         // In f64 the mean of one colour is that colour, of however many pixels.

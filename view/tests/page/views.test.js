@@ -103,7 +103,8 @@ test("the cameras of the scene come round", () => {
 test("a browser that keeps nothing is told of, and nothing is said to be kept", () => {
   const app = views();
   const told = [];
-  app.notices = { info: (text) => told.push(["info", text]), show: (notice) => told.push([notice.level, notice.numbers]) };
+  const show = ({ level, numbers }) => told.push([level, numbers]);
+  app.notices = { info: (text) => told.push(["info", text]), show };
   localStorage.setItem = () => {
     throw new DOMException("the quota has been exceeded", "QuotaExceededError");
   };
