@@ -1,5 +1,5 @@
-//! `Neighbours`: the light of samples beside those of a row, added where both are alike in depth and albedo, for less the
-//! more their normals differ: a bump has light of its own, and a surface that is all bumps has no other neighbours.
+//! `Neighbours`: the light of samples beside those of a row, added where both are alike in depth and albedo, for less
+//! the more their normals differ: a bump has light of its own, and a surface that is all bumps has no other neighbours.
 
 use super::surface::{ALBEDO_APART, DEPTH_SHARE, SurfaceRow};
 
