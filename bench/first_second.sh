@@ -31,17 +31,17 @@ for model in isosurface-100m pipes-100m kicad-grid scan-100m; do
 done
 
 sheet-venv/bin/python - "$root/docs/pictures/first-second.jpg" "${folders[@]}" <<'PYTHON'
-# Rows of models, columns of times; each picture a third of its size along both axes.
+# Rows of models, columns of times; each picture reduced.
 import sys
 from PIL import Image
 
 output, *folders = sys.argv[1:]
-size = (426, 240)
+size = (360, 203)
 names = ["80-ms", "200-ms", "1000-ms", "reference"]
 sheet = Image.new("RGB", (len(names) * size[0], len(folders) * size[1]))
 for row, folder in enumerate(folders):
     for column, name in enumerate(names):
         picture = Image.open(f"{folder}/{name}.png").resize(size, Image.LANCZOS)
         sheet.paste(picture, (column * size[0], row * size[1]))
-sheet.save(output, quality=85)
+sheet.save(output, quality=75)
 PYTHON
