@@ -190,9 +190,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         self.film.radiances(first, radiances);
         let is_alike = self.view.settings.integrator.has_own_preview();
-        if is_alike && !self.live.event.is_done() && self.film.tile_state(index) == display.tile_state(index)
+        let samples = self.film.tile_samples(index);
+        // Of samples from before an event nothing says how many they are: they are shown as they are.
+        if is_alike
+            && samples > 0
+            && !self.live.event.is_done()
+            && self.film.tile_state(index) == display.tile_state(index)
         {
-            let samples = self.film.tile_samples(index);
             for (x, (shown, preview)) in (first[0]..).zip(radiances.iter_mut().zip(preview)) {
                 *shown = display.mixed((index, [x, first[1]]), (samples, *shown), preview);
             }

@@ -228,3 +228,24 @@ fn previews_of_a_moving_camera_have_the_light_of_those_before() {
     let [carried, alone, lit_anew] = [noise(true, false), noise(false, false), noise(true, true)];
     assert!(carried < 0.5 * alone && lit_anew > 0.8 * alone, "{carried} {alone} {lit_anew}");
 }
+
+/// From an event to the first frame after it what was on show stays, as its samples are.
+#[test]
+fn what_was_on_show_stays_until_the_first_frame_after_an_event() {
+    let keys =
+        RenderKeys { resolution: [48, 48], n_shadow: 1, integrator: Method::Direct, ..RenderKeys::default() };
+    let mut live = floor_demanding(0, keys).go_live(FrameOptions::default()).unwrap();
+    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+    let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    let shown = |live: &LiveSession<_>| {
+        (0..48 * 48).map(|at| live.shown([at % 48, at / 48])[1]).collect::<Vec<f32>>()
+    };
+    while live.frame(4, &|| false).progress < FrameProgress::Done {}
+    let before = shown(&live);
+    assert!(before.iter().any(|green| *green > 0.0));
+    let mut camera = live.view.camera;
+    camera.position[0] += 1e-3;
+    live.apply(Event::Camera(camera)).unwrap();
+    assert!(shown(&live) == before);
+}
