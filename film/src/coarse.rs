@@ -8,7 +8,7 @@
 //!            nearest -> radiance
 //! ```
 //!
-//! One surface: alike in depth, normal and albedo. So an edge is a stair of the grid's step, and no colour bleeds
+//! One surface: alike in depth and albedo. So an edge is a stair of the grid's step, and no colour bleeds
 //! across it. H. Dammertz, D. Sewtz, J. Hanika, H. Lensch, "Edge-avoiding a-trous wavelet transform for fast global
 //! illumination filtering" (2010).
 //!

@@ -212,7 +212,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
 
     /// Shows what a frame has made, if that is worth it.
     fn publish(&mut self, report: &FrameReport) {
-        if self.session().film().samples() < self.shown_samples {
+        if report.progress == FrameProgress::PreviewPart
+            || self.session().film().samples() < self.shown_samples
+        {
             return;
         }
         let is_preview = report.progress == FrameProgress::Preview;

@@ -222,7 +222,7 @@ impl Stats {
 /// The name of a progress.
 pub(crate) fn progress_name(progress: FrameProgress) -> &'static str {
     match progress {
-        FrameProgress::Preview => "preview",
+        FrameProgress::PreviewPart | FrameProgress::Preview => "preview",
         FrameProgress::Part => "part",
         FrameProgress::Block => "block",
         FrameProgress::Complete => "complete",

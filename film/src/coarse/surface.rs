@@ -1,6 +1,7 @@
 //! `Surface`: what a sample of the preview saw, and rows of them side by side.
 //!
-//! Two samples are of one surface when they are alike in depth, normal and albedo. Voxels that stand in for missing
+//! Two samples are of one surface when they are alike in depth, normal and albedo; between them (`cells.rs`) however
+//! they are turned. Voxels that stand in for missing
 //! mesh are smoothed with it where they look like it; an exact sample of the mesh is never of one surface with them.
 
 use crate::film::LayerPixel;
@@ -9,7 +10,7 @@ use std::ops::Range;
 /// Depths of neighbours on one surface differ by less than this share.
 pub(super) const DEPTH_SHARE: f32 = 0.08;
 /// Least cosine between the normals of neighbours on one surface.
-pub(super) const NORMAL_COS: f32 = 0.85;
+const NORMAL_COS: f32 = 0.85;
 /// Most that the albedos of neighbours on one surface differ by, per channel.
 pub(super) const ALBEDO_APART: f32 = 0.08;
 /// Least albedo that light is told from.

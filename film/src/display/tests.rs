@@ -96,6 +96,20 @@ fn nothing_bleeds_over_the_edge_of_a_surface() {
     }
 }
 
+/// Bumps finer than the grid: between samples of one surface that are turned otherwise is their mean.
+#[test]
+fn between_samples_that_are_turned_otherwise_lies_their_mean() {
+    let mut display = display([16, 8]);
+    for x in [0, 8] {
+        let normal = if x == 0 { [0.8, 0.0, 0.6] } else { [-0.8, 0.0, 0.6] };
+        display.set([x, 0], Vec3::splat(1.0 + x as f32), &LayerPixel { normal, ..seen([0, 0]) });
+    }
+    display.show((0, 8), false, None, &pool(2));
+    for (x, share) in (0..8).zip([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875]) {
+        assert!((at(&display, [x, 0])[0] - (1.0 + 8.0 * share)).abs() < 1e-2, "{x}");
+    }
+}
+
 /// The one tile of a picture whose pixels all saw `seen`.
 fn learn(display: &mut Display, saw: impl Fn([u32; 2]) -> LayerPixel) {
     let tile = crate::tile::tile(RESOLUTION, 0);

@@ -17,7 +17,7 @@ use crate::stats::RayCounts;
 use crate::trace::PagedTracer;
 use glam::Vec3;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use trex_film::{Display, LayerPixel, STEPS, TILE_SIDE_PIXELS, grid_size, tile, tile_count};
 
 /// Tiles of grid points that a worker takes at a time: as many samples as a job of the film has at most.
@@ -78,29 +78,27 @@ impl Grid {
             .filter(move |pixel| is_coarsest || pixel.iter().any(|v| v % (2 * step) != 0))
     }
 
-    /// Takes the samples of `work` for `display`. Gives their counts, and whether all were taken before `stop`, which
-    /// is asked between parts, said true.
+    /// Takes the samples of `work` for `display`, from part `first` on. Gives their counts, and the part to go on with
+    /// where `stop`, which is asked before each part and told how many are begun, said true before all were taken.
     ///
     /// # Panics
     /// When a worker panics.
     pub(crate) fn take<T: PagedTracer + Send>(
         &self,
+        first: u32,
         work: &SampleWork<'_>,
         display: &mut Display,
         workers: Workers<'_, T>,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> (PreviewStats, bool) {
-        let (next, was_stopped) = (AtomicU32::new(0), AtomicBool::new(false));
+        stop: &(dyn Fn(u32) -> bool + Sync),
+    ) -> (PreviewStats, Option<u32>) {
+        let next = AtomicU32::new(first);
         let (display, total) = (Mutex::new(display), Mutex::new(PreviewStats::default()));
         let take = |tracer: &mut T| {
             let mut room = Room::default();
-            loop {
+            // A part that is begun is taken.
+            while !stop(next.load(Ordering::Relaxed) - first) {
                 let index = next.fetch_add(1, Ordering::Relaxed);
                 if index >= self.part_count() {
-                    break;
-                }
-                if stop() {
-                    was_stopped.store(true, Ordering::Relaxed);
                     break;
                 }
                 self.part(index, work, tracer, &mut room);
@@ -114,7 +112,8 @@ impl Grid {
                 scope.spawn(|_| take(tracer));
             }
         });
-        (total.into_inner().expect("a worker panicked"), !was_stopped.into_inner())
+        let next = Some(next.into_inner()).filter(|&next| next < self.part_count());
+        (total.into_inner().expect("a worker panicked"), next)
     }
 
     /// The samples of part `index`, with their pixels, to `room.taken`.

@@ -22,6 +22,8 @@ use crate::trace::PagedTracer;
 use std::time::Instant;
 use trex_film::{Reprojection, smooth};
 
+/// Quarters of a frame after which its samples of a preview end: a picture is still to be made of them.
+const SAMPLES_PART: u32 = 3;
 /// Photons take as long as tiles do while light changes; so many times as long when every tile has been taken anew,
 /// since what these show goes out of date with each photon.
 const PHOTON_SHARE_LATE: u32 = 3;
@@ -45,8 +47,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let mut other = OtherRays::default();
         let t_max = self.live.options.t_max;
         if let Some(step) = self.live.event.ladder.next(Turn::First, t_max) {
-            other.preview = self.show_preview(step, stop);
-            return self.report(FrameProgress::Preview, PassStats::default(), other);
+            let (preview, progress) = self.show_preview(step, begin + t_max / 4 * SAMPLES_PART, stop);
+            other.preview = preview;
+            return self.report(progress, PassStats::default(), other);
         }
         self.fill_preview();
         self.refresh_display();
@@ -83,8 +86,13 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     /// Shows what is resident by a sample at every `step`-th pixel, and at finer grids while the ladder has a rung for
-    /// this frame.
-    fn show_preview(&mut self, step: u32, stop: &(dyn Fn() -> bool + Sync)) -> PreviewStats {
+    /// this frame. The first picture comes whatever it takes, the others by the `deadline` or later.
+    fn show_preview(
+        &mut self,
+        step: u32,
+        deadline: Instant,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> (PreviewStats, FrameProgress) {
         let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
         let Live { display, event, options, carried, .. } = &mut self.live;
         let ladder = &mut event.ladder;
@@ -93,13 +101,16 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
-            let grid = Grid { resolution: film.resolution(), step };
-            let (stats, is_whole) = grid.take(&work, display, Workers { tracers, pool }, stop);
+            let (grid, waits) = (Grid { resolution: film.resolution(), step }, ladder.is_empty());
+            // A frame goes on by a part at least.
+            let stop = |begun| stop() || !waits && begun > 0 && Instant::now() > deadline;
+            let workers = Workers { tracers, pool };
+            let (stats, next_part) = grid.take(ladder.parts(), &work, display, workers, &stop);
             total.add(&stats);
-            if !is_whole {
+            ladder.learn(next_part, begin.elapsed());
+            if next_part.is_some() {
                 break;
             }
-            ladder.learn(begin.elapsed());
             taken = rung;
             rung = ladder.next(Turn::Later, options.t_max);
         }
@@ -109,6 +120,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             let change = change.as_ref().map(|change| change as &dyn Reprojection);
             display.show((film.state(), step), is_sparse, change, pool);
         }
+        let progress = if taken.is_some() { FrameProgress::Preview } else { FrameProgress::PreviewPart };
         // Where there is no time for a rough picture there is none for pages.
         let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
         let is_last = ladder.is_moving() && is_rough || ladder.next(Turn::First, options.t_max).is_none();
@@ -117,7 +129,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
                 tracer.request_missing();
             }
         }
-        total
+        (total, progress)
     }
 
     /// Sends photons of changed light. Gives the count of their rays.

@@ -5,6 +5,8 @@ use crate::stats::{PassStats, RayCounts};
 /// The state of a picture in the making.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FrameProgress {
+    /// Some samples of a preview are taken: what was on show still is.
+    PreviewPart,
     /// The picture shows what is resident, by a sample at some pixels.
     Preview,
     /// Some tiles are done, less than a fetch block.

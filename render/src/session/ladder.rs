@@ -1,21 +1,24 @@
 //! `Ladder`: how fine the picture is that a frame shows at once, rung by rung.
 //!
 //! ```text
-//! the hand rests: frame 1   every 8th pixel, every 4th
-//!                 frame 2   every 2nd: the picture is whole
-//! the hand moves: frame 1   as fine as fits into it
+//! the hand rests: frame 1   every 8th pixel, and every 4th where both fit into a third of it
+//!                 frame 2.. the others, up to every 2nd: the picture is whole
+//! the hand moves: frame 1   as fine as fits into half of it
 //! ```
 //!
-//! A rung takes three times as many samples as those before it together, and so three times their time. It is taken as
-//! a whole: the first of a frame whatever it takes.
+//! A rung takes three times as many samples as those before it together, and so three times their time. The first is
+//! taken whole, whatever that takes: until then the picture is of before the event. One that its frame has no time for
+//! goes on in the next.
 
 use std::time::Duration;
 use trex_film::STEPS;
 
 /// Pixels from sample to sample at which a picture is first shown.
 pub(super) const ROUGH_STEP: u32 = 4;
-/// Part of `t_max` that all rungs may take while the hand moves.
+/// Part of `t_max` that the rungs may take while the hand moves: a picture gets no more than its first frame.
 const MOVING_PART: u32 = 2;
+/// The same while it rests: a rough picture at once is more than a better one later, which comes in any case.
+const RESTING_PART: u32 = 3;
 /// Time of a rung over that of those before it.
 const RUNG_GROWTH: u32 = 3;
 
@@ -23,6 +26,8 @@ const RUNG_GROWTH: u32 = 3;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ladder {
     taken: usize,
+    /// Parts of the next that are taken.
+    parts: u32,
     /// Time that they took.
     spent: Duration,
     /// True while events follow each other so fast that a frame is all that a picture gets.
@@ -39,7 +44,7 @@ pub(super) enum Turn {
 impl Ladder {
     /// A ladder of which nothing is taken.
     pub(super) fn new(is_moving: bool) -> Ladder {
-        Ladder { taken: 0, spent: Duration::ZERO, is_moving }
+        Ladder { taken: 0, parts: 0, spent: Duration::ZERO, is_moving }
     }
 
     /// Step of the rung that comes next in a frame of `t_max`; `None` when the picture is as fine as it gets there.
@@ -49,7 +54,7 @@ impl Ladder {
         let comes = match turn {
             Turn::First => true,
             Turn::Later if self.is_moving => self.spent + time <= t_max / MOVING_PART,
-            Turn::Later => step >= ROUGH_STEP && self.spent + time <= t_max,
+            Turn::Later => step >= ROUGH_STEP && self.spent + time <= t_max / RESTING_PART,
         };
         comes.then_some(step)
     }
@@ -59,9 +64,21 @@ impl Ladder {
         self.is_moving
     }
 
-    /// Learns that the next rung has been taken, in `time`.
-    pub(super) fn learn(&mut self, time: Duration) {
-        self.taken += 1;
+    /// Parts of the next rung that are taken already.
+    pub(super) fn parts(&self) -> u32 {
+        self.parts
+    }
+
+    /// True before the first rung has been taken.
+    pub(super) fn is_empty(&self) -> bool {
+        self.taken == 0
+    }
+
+    /// Learns that the next rung has been taken up to so many `parts`, `None` to its end, in `time` since it was asked
+    /// for last.
+    pub(super) fn learn(&mut self, parts: Option<u32>, time: Duration) {
+        self.taken += usize::from(parts.is_none());
+        self.parts = parts.unwrap_or(0);
         self.spent += time;
     }
 }
@@ -80,7 +97,7 @@ mod tests {
             while let Some(step) = next {
                 frame.push(step);
                 let samples = (STEPS[0] / step).pow(2);
-                ladder.learn(time * if step == STEPS[0] { 1 } else { samples - samples / 4 });
+                ladder.learn(None, time * if step == STEPS[0] { 1 } else { samples - samples / 4 });
                 next = ladder.next(Turn::Later, t_max);
             }
             frames.push(frame);
@@ -95,8 +112,8 @@ mod tests {
         // 1, 4 and 16 ms for all samples up to a rung.
         assert_eq!(rest(1, 100), [vec![8, 4], vec![2]]);
         // A large picture: 30 ms, 120 ms, 480 ms.
-        assert_eq!(rest(30, 119), [vec![8], vec![4], vec![2]]);
-        assert_eq!(rest(30, 120), [vec![8, 4], vec![2]]);
+        assert_eq!(rest(30, 359), [vec![8], vec![4], vec![2]]);
+        assert_eq!(rest(30, 360), [vec![8, 4], vec![2]]);
         let moving = |time, t_max| frames(ms(time), ms(t_max), true);
         assert_eq!(moving(1, 100)[0], [8, 4, 2]);
         assert_eq!(moving(5, 100)[0], [8, 4]);

@@ -1,7 +1,7 @@
 //! Frames with a deadline: what a viewer shows while the user moves. Paper, section 5.2.
 //!
 //! ```text
-//! event -> preview frames: C-rays through what is resident, in its light: every 4th pixel, every 2nd  whole picture
+//! event -> preview frames: C-rays through what is resident, in its light: every 8th, 4th, 2nd pixel    whole picture
 //!       -> frames: tiles, the stalest first, until a fetch block is done                              response
 //!       -> frames: photons, where light has changed, and tiles, until a block is done, the picture is
 //!                  complete or t_max has passed

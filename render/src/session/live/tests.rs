@@ -249,3 +249,49 @@ fn what_was_on_show_stays_until_the_first_frame_after_an_event() {
     live.apply(Event::Camera(camera)).unwrap();
     assert!(shown(&live) == before);
 }
+
+/// Frames too short for anything take the first rung whole and of the others a part each; until a rung is whole the one
+/// before it is on show, and the pictures are those of long frames.
+#[test]
+fn a_rung_that_its_frame_has_no_time_for_goes_on_in_the_next() {
+    let keys = RenderKeys {
+        resolution: [256, 128],
+        n_shadow: 1,
+        integrator: Method::Direct,
+        ..RenderKeys::default()
+    };
+    let start = |t_max| {
+        let mut live =
+            floor_demanding(0, keys).go_live(FrameOptions { t_max, ..FrameOptions::default() }).unwrap();
+        let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
+        let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+        live.apply(Event::Lights(vec![lamp])).unwrap();
+        live
+    };
+    let shown = |live: &LiveSession<_>| {
+        (0..256 * 128).map(|at| live.shown([at % 256, at / 256])[1]).collect::<Vec<f32>>()
+    };
+    let (mut short, mut long) = (start(Duration::ZERO), start(Duration::from_secs(60)));
+    assert_eq!(short.frame(1, &|| true).progress, FrameProgress::PreviewPart);
+    let mut parts = vec![];
+    for step in [8, 4, 2] {
+        let (before, mut count) = (shown(&short), 0);
+        while {
+            assert!(count < 100);
+            short.frame(1, &|| false).progress == FrameProgress::PreviewPart
+        } {
+            count += 1;
+            assert_eq!(short.frame(1, &|| true).preview_samples, 0, "it was stopped");
+            assert!(shown(&short) == before);
+        }
+        assert_eq!(short.live.display.step(), Some(step));
+        parts.push(count);
+        // A long frame takes the first two.
+        if step < 8 {
+            long.frame(1, &|| false);
+            assert_eq!(long.live.display.step(), Some(step));
+            assert!(shown(&short) == shown(&long) && shown(&short) != before, "every {step}th pixel");
+        }
+    }
+    assert!(parts[0] == 0 && parts[1..].iter().all(|count| *count > 1), "{parts:?}");
+}
