@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What a user sees after a jump, 100, 200 and 1,000 ms after it and at leisure, on four kinds of model: the pictures of docs/view.md.
+# What a user sees after a jump, 80, 200 and 1,000 ms after it and at leisure, on four kinds of model: the pictures of docs/view.md.
 # A quarter of an hour, most of it references. Needs Python with venv, and PyPI.
 #
 #   bench/first_second.sh WORK_FOLDER
@@ -37,7 +37,7 @@ from PIL import Image
 
 output, *folders = sys.argv[1:]
 size = (360, 203)
-names = ["100-ms", "200-ms", "1000-ms", "reference"]
+names = ["80-ms", "200-ms", "1000-ms", "reference"]
 sheet = Image.new("RGB", (len(names) * size[0], len(folders) * size[1]))
 for row, folder in enumerate(folders):
     for column, name in enumerate(names):
