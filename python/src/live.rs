@@ -86,7 +86,7 @@ impl NativeLive {
         });
         raised(py, written)?;
         Ok(match progress {
-            FrameProgress::Preview => "preview",
+            FrameProgress::PreviewPart | FrameProgress::Preview => "preview",
             FrameProgress::Part => "part",
             FrameProgress::Block => "block",
             FrameProgress::Complete => "complete",
