@@ -5,7 +5,7 @@
 //! picture on show made anew -> photons -> tiles -> block learned
 //! ```
 //!
-//! Invariant: nothing here waits past the deadline but for what is begun: a rung of the preview, a batch of the
+//! Invariant: nothing here waits past the deadline but for what is begun: the first rung of a preview, a batch of the
 //! G-stage, a batch of photons a worker, the picture on show made anew, the filter of a picture whose samples have
 //! doubled.
 
