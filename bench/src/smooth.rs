@@ -132,7 +132,7 @@ impl FewSamples {
         let surfaces = channels.plane("Z")?.iter().zip(normals).zip(albedos);
         let seen = surfaces.map(|((&depth, normal), albedo)| {
             let id = if depth < f32::INFINITY { TRIANGLE } else { NO_ID };
-            LayerPixel { depth, normal, albedo, id }
+            LayerPixel { depth, normal, albedo, id, ..LayerPixel::NOTHING }
         });
         Ok(FewSamples {
             resolution: [channels.width, channels.height].map(|side| side as u32),
@@ -242,7 +242,13 @@ mod tests {
         let layers = Layers { depth: true, normal: true, albedo: true, ..Layers::default() };
         let mut film = Film::new([24, 16], layers, &around.budget).unwrap();
         let tiles = Tiles::z_curve([24, 16]);
-        let wall = LayerPixel { depth: 5.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: TRIANGLE };
+        let wall = LayerPixel {
+            depth: 5.0,
+            normal: [0.0, 0.0, 1.0],
+            albedo: [0.5; 3],
+            id: TRIANGLE,
+            ..LayerPixel::NOTHING
+        };
         for tile in (0..tiles.count()).map(|index| tiles.tile(index)) {
             let light = |[x, y]: [u32; 2]| if x >= 16 { 0.25 } else { ((x + y) % 2 * 2) as f32 };
             let pixels: Vec<_> = (0..tile.pixel_count()).map(|index| tile.pixel(index)).collect();

@@ -21,6 +21,7 @@
 //! 3. samples keep their light until a picture of the finest step is made of them, from then on that of the picture;
 //! 4. the work may be let go once a picture is filled in, and is there again with the next.
 //!
+//! Before they are smoothed, samples are mixed with light that is kept in the world (`light_cache.rs`).
 //! Exact samples of tiles replace those of the grid (`exact.rs`), and are smoothed as they are. What the preview has
 //! smoothed already stays as it is beside them, and counts as their neighbour.
 
@@ -30,7 +31,9 @@ mod corners;
 mod exact;
 mod grid;
 mod history;
+mod light_cache;
 mod neighbours;
+mod recall;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
@@ -39,6 +42,7 @@ use self::grid::{KEPT_STEP, sample_count};
 pub use self::grid::{STEPS, grid_size};
 use self::history::History;
 pub use self::history::Reprojection;
+use self::light_cache::LightCache;
 use self::neighbours::Neighbours;
 use self::surface::{Surface, SurfaceRows};
 use super::film::LayerPixel;
@@ -71,6 +75,8 @@ pub(super) struct Coarse {
     work: Vec<f32>,
     /// The picture before; `None` where there is no room for it.
     history: Option<History>,
+    /// Light kept in the world; `None` where there is no room for it.
+    cache: Option<LightCache>,
 }
 
 /// The samples that a picture is made of: every `stride`-th of every `stride`-th row of those kept.
@@ -134,7 +140,14 @@ impl Coarse {
     pub(super) fn new(resolution: [u32; 2]) -> Coarse {
         let count = sample_count(resolution, KEPT_STEP);
         let surfaces = vec![Surface::new(&LayerPixel::NOTHING); count];
-        Coarse { resolution, surfaces, light: vec![0.0; 3 * count], work: Vec::new(), history: None }
+        Coarse {
+            resolution,
+            surfaces,
+            light: vec![0.0; 3 * count],
+            work: Vec::new(),
+            history: None,
+            cache: None,
+        }
     }
 
     /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
@@ -148,6 +161,7 @@ impl Coarse {
         let surface = Surface::new(seen);
         let light = (radiance / Vec3::from(surface.albedo())).min(Vec3::splat(LIGHT_MOST));
         self.surfaces[at] = surface;
+        self.set_key(at, seen);
         let count = self.surfaces.len();
         (0..3).for_each(|c| self.light[c * count + at] = light[c]);
     }

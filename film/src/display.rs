@@ -115,6 +115,8 @@ pub struct Display {
     lease: Lease,
     /// Of the picture before, if it is kept.
     history_lease: Option<Lease>,
+    /// Of light in the world, if it is kept.
+    cache_lease: Option<Lease>,
 }
 
 impl Display {
@@ -145,6 +147,7 @@ impl Display {
             refreshes: 0,
             lease,
             history_lease: None,
+            cache_lease: None,
         }
     }
 
@@ -163,6 +166,17 @@ impl Display {
     pub fn keep_history(&mut self, lease: Option<Lease>) {
         self.coarse.keep_history(lease.is_some());
         (self.history_lease, self.is_fresh) = (lease, false);
+    }
+
+    /// Bytes that light kept in the world takes beside a picture of `resolution`.
+    pub fn cache_bytes(resolution: [u32; 2]) -> u64 {
+        Coarse::cache_bytes(resolution)
+    }
+
+    /// Keeps light where it is in the world from now on, in a lease of [`Display::cache_bytes`], or none.
+    pub fn keep_cache(&mut self, lease: Option<Lease>) {
+        self.coarse.keep_cache(lease.is_some());
+        self.cache_lease = lease;
     }
 
     /// The lease of its memory.
@@ -228,6 +242,7 @@ impl Display {
         let standings = &self.standings;
         let corners = |index: u32| is_exact(index).then(|| standings[index as usize].corners);
         self.coarse.take_light(film, &corners, pool);
+        self.coarse.keep_exact(&|index| film.tile_samples(index));
         self.coarse.smooth_exact(&|index| !is_exact(index), pool);
         // A picture of the finest grid has one sample where these are of some pixels.
         self.coarse.carry((step, 1.0 + film.samples() as f32), None, pool);
@@ -289,6 +304,7 @@ impl Display {
     pub fn forget(&mut self) {
         self.is_fresh = false;
         self.coarse.forget();
+        self.coarse.forget_cache();
     }
 
     /// Radiance on show from pixel (x, y) on, by rows, linear RGB.
@@ -311,6 +327,8 @@ impl Display {
         reprojection: Option<&dyn Reprojection>,
         pool: &ThreadPool,
     ) {
+        // Grid by grid, whether they are shown in turn or the last alone.
+        STEPS.into_iter().filter(|grid| *grid >= step).for_each(|grid| self.coarse.recall(grid));
         self.coarse.smooth(step, pool);
         self.coarse.carry((step, 1.0), reprojection, pool);
         (self.shown, self.is_sparse, self.is_fresh) = (Some((state, step)), true, true);

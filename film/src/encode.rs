@@ -279,7 +279,10 @@ mod tests {
             for [x, y] in pixels {
                 let id = if x == 0 { NO_ID } else { x + 100 * y };
                 let normal = [0.0, x as f32, 1.0];
-                film.set_layers([x, y], &LayerPixel { depth: y as f32, normal, albedo: [0.25; 3], id });
+                film.set_layers(
+                    [x, y],
+                    &LayerPixel { depth: y as f32, normal, albedo: [0.25; 3], id, ..LayerPixel::NOTHING },
+                );
             }
         }
         film

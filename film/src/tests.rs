@@ -14,12 +14,16 @@ use trex_store::Budget;
 
 const RESOLUTIONS: [[u32; 2]; 4] = [[1, 1], [333, 7], [64, 200], [640, 360]];
 const FILTERED: Layers = Layers { depth: false, normal: false, albedo: false, id: false, filter: true };
-const SEEN: LayerPixel = LayerPixel { depth: 2.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 3 };
+const SEEN: LayerPixel =
+    LayerPixel { depth: 2.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 3, ..LayerPixel::NOTHING };
 
 /// Nine rows of samples of seven numbers that a thread decodes, beside what is leased.
 fn row_bytes([width, _]: [u32; 2]) -> u64 {
     u64::from(width.div_ceil(2)) * 9 * 8 * 4 + QUEUE_BYTES
 }
+
+/// Two budgets and the names of their leases.
+const LEASE_BYTES: u64 = 1 << 10;
 
 /// A block of the queues of a thread pool.
 const QUEUE_BYTES: u64 = 2 << 10;
@@ -91,6 +95,23 @@ fn a_display_takes_what_is_leased_for_it() {
     }
 }
 
+/// The light before is taken when it is leased, and goes with its lease.
+#[test]
+fn the_light_before_takes_what_is_leased_for_it() {
+    for resolution in RESOLUTIONS {
+        let lease = |bytes: u64| Some(Budget::unlimited().lease("light before", bytes).unwrap());
+        let (history, cache) = (Display::history_bytes(resolution), Display::cache_bytes(resolution));
+        let mut display = Display::in_lease(resolution, lease(Display::bytes(resolution)).unwrap());
+        let threads = pool(1);
+        let kept = taken(&threads, || {
+            display.keep_history(lease(history));
+            display.keep_cache(lease(cache));
+        });
+        assert!(kept.bytes_current as u64 >= history + cache, "{resolution:?} {kept:?}");
+        assert!(kept.bytes_max <= history + cache + LEASE_BYTES, "{resolution:?} {kept:?}");
+    }
+}
+
 /// Rows beyond the window are never held: the filter of a picture ten times as high takes no more.
 #[test]
 fn the_filter_takes_what_is_leased_for_it_and_no_more_for_a_higher_picture() {
@@ -125,7 +146,7 @@ fn saliency_takes_what_is_leased_for_it() {
 }
 
 /// Film, filter and display take 64 bytes a pixel with all that they can keep, and what is carried from picture to
-/// picture 6 more, of 96 that they may. The work of the filter on a whole picture took 52 alone.
+/// picture 6 more, light in the world 8, of 96 that they may. The work of the filter on a whole picture took 52 alone.
 #[test]
 fn a_picture_with_everything_on_takes_64_bytes_a_pixel() {
     for resolution in [[1280, 720], [1920, 1080], [3840, 2160]] {
@@ -135,6 +156,8 @@ fn a_picture_with_everything_on_takes_64_bytes_a_pixel() {
         assert!(each <= 64.0, "{resolution:?}: {each}");
         let history = Display::history_bytes(resolution) as f64 / pixels;
         assert!(history <= 6.0, "{resolution:?}: {history}");
+        let cache = Display::cache_bytes(resolution) as f64 / pixels;
+        assert!(cache <= 8.0, "{resolution:?}: {cache}");
         let plain = (film_bytes(resolution, Layers::default()) + Display::bytes(resolution)) as f64 / pixels;
         assert!(plain <= 31.0, "{resolution:?}: {plain}");
     }

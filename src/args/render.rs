@@ -103,9 +103,8 @@ pub struct DeadlineArgs {
     /// off]
     #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
     pub prefetch: Option<PrefetchArg>,
-    /// Whether the light of the picture before is carried to where its surfaces are seen when the camera moves
-    /// [default: on]
-    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|off")]
+    /// What light of earlier pictures is in those of a camera that moves [default: on]
+    #[arg(long, help_heading = RESEARCH, value_enum, value_name = "on|picture|off")]
     pub history: Option<HistoryArg>,
 }
 
@@ -136,9 +135,11 @@ pub enum PrefetchArg {
 /// `--history`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum HistoryArg {
-    /// First looks of a moving camera have the light of those before in them
+    /// That of the picture before, and that kept where it was found in the world
     On,
-    /// Each is made of its own rays alone
+    /// That of the picture before, carried to where its surfaces are seen
+    Picture,
+    /// None: each is made of its own rays alone
     Off,
 }
 
@@ -204,7 +205,8 @@ impl DeadlineArgs {
             fills_while_moving: true,
             t_max: Duration::from_secs_f64(t_max.0 / 1e3),
             fetch_block: self.fetch_block.unwrap_or(defaults.fetch_block),
-            carries_light: self.history.map_or(defaults.carries_light, |arg| arg == HistoryArg::On),
+            carries_light: self.history.map_or(defaults.carries_light, |arg| arg != HistoryArg::Off),
+            caches_light: self.history.map_or(defaults.caches_light, |arg| arg == HistoryArg::On),
             looks_ahead: self.prefetch.map_or(defaults.looks_ahead, |arg| arg == PrefetchArg::On),
             order: match self.tile_order {
                 Some(TileOrderArg::Zcurve) => TileOrder::ZCurve,

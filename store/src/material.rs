@@ -58,6 +58,11 @@ impl Material {
         self
     }
 
+    /// True when light that leaves it depends on where it is seen from.
+    pub fn is_glossy(&self) -> bool {
+        self.ks.iter().any(|&value| value > 0.0)
+    }
+
     /// True when the counter-clockwise side gives light.
     pub fn emits(&self) -> bool {
         self.ke.iter().any(|&value| value > 0.0)

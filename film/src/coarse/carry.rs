@@ -43,7 +43,7 @@ impl Coarse {
         reprojection: Option<&dyn Reprojection>,
         pool: &ThreadPool,
     ) {
-        let Coarse { resolution, surfaces, light, work, history } = self;
+        let Coarse { resolution, surfaces, light, work, history, .. } = self;
         let Some(history) = history else { return };
         let resolution = *resolution;
         let [columns, pitch] = [step, KEPT_STEP].map(|step| grid_size(resolution, step)[0] as usize);

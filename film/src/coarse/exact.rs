@@ -34,6 +34,7 @@ impl Coarse {
         for (pixel, seen) in seen.iter().filter(|(pixel, _)| is_sample(pixel)) {
             let at = self.place(*pixel);
             self.surfaces[at] = Surface::new(seen);
+            self.set_key(at, seen);
         }
         let [width, height] = self.resolution;
         let mut corners = TileCorners::default();

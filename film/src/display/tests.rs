@@ -1,5 +1,6 @@
 //! Tests of the display: what is between samples, what it is worth, and the light of exact ones in it.
 
+mod cache;
 mod history;
 
 use super::*;
@@ -15,7 +16,7 @@ const RESOLUTION: [u32; 2] = [19, 13];
 /// What pixel (x, y) saw: two surfaces, left and right of column 10.
 fn seen([x, _]: [u32; 2]) -> LayerPixel {
     let depth = if x < 10 { 5.0 } else { 9.0 };
-    LayerPixel { depth, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0 }
+    LayerPixel { depth, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0, ..LayerPixel::NOTHING }
 }
 
 /// A display with a sample at every `step`-th pixel.

@@ -3,6 +3,7 @@
 //! Layers that are to be written are exact. What the filter alone takes is coarser (`packed.rs`), and the filter
 //! sees the coarser numbers also where the exact ones are kept: a picture does not depend on the layers beside it.
 
+use crate::light_key::LightKey;
 use crate::packed::{PackedAlbedo, PackedNormal};
 use std::ops::Range;
 
@@ -35,6 +36,8 @@ pub struct LayerPixel {
     pub albedo: [f32; 3],
     /// Triangle, see [`Layers::id`].
     pub id: u32,
+    /// Where its light is kept in the world.
+    pub light_key: LightKey,
 }
 
 /// A pixel's surface as the filter sees it.
@@ -67,8 +70,13 @@ pub(super) struct KeptPlanes {
 
 impl LayerPixel {
     /// Where no triangle is seen.
-    pub const NOTHING: LayerPixel =
-        LayerPixel { depth: f32::INFINITY, normal: [0.0; 3], albedo: [0.0; 3], id: NO_ID };
+    pub const NOTHING: LayerPixel = LayerPixel {
+        depth: f32::INFINITY,
+        normal: [0.0; 3],
+        albedo: [0.0; 3],
+        id: NO_ID,
+        light_key: LightKey::NONE,
+    };
 
     /// True where voxels are seen: a surface of no triangle.
     pub(crate) fn is_voxel(&self) -> bool {
@@ -110,7 +118,7 @@ impl LayerPlanes {
     pub(super) fn new(layers: Layers, pixels: usize) -> LayerPlanes {
         let KeptPlanes { depth, guide_normal, guide_albedo } = layers.kept();
         let if_kept = |is_kept: bool| if is_kept { pixels } else { 0 };
-        let LayerPixel { depth: no_depth, normal, albedo, id } = LayerPixel::NOTHING;
+        let LayerPixel { depth: no_depth, normal, albedo, id, .. } = LayerPixel::NOTHING;
         LayerPlanes {
             depth: vec![no_depth; if_kept(depth)],
             normal: vec![normal; if_kept(layers.normal)],

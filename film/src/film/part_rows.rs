@@ -207,7 +207,10 @@ mod tests {
             for &[x, y] in pixels.iter().filter(|_| portion.samples[0] == 0) {
                 let (normal, albedo) = ([0.6, -0.8, 0.0], [0.25, x as f32 / 40.0, 0.5]);
                 let id = if x == 3 { NO_ID } else { x + 100 * y };
-                film.set_layers([x, y], &LayerPixel { depth: y as f32 + 0.5, normal, albedo, id });
+                film.set_layers(
+                    [x, y],
+                    &LayerPixel { depth: y as f32 + 0.5, normal, albedo, id, ..LayerPixel::NOTHING },
+                );
             }
         }
         film

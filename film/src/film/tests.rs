@@ -28,7 +28,8 @@ fn a_cleared_film_is_as_a_new_one() {
         let tile = tile(resolution, index);
         film.add(&tile, &vec![[1.0, 2.0, 3.0]; tile.pixel_count() as usize]);
         film.add_indirect(&tile, &vec![[0.5; 3]; tile.pixel_count() as usize]);
-        let seen = LayerPixel { depth: 7.0, normal: [1.0; 3], albedo: [0.5; 3], id: 9 };
+        let seen =
+            LayerPixel { depth: 7.0, normal: [1.0; 3], albedo: [0.5; 3], id: 9, ..LayerPixel::NOTHING };
         (0..tile.pixel_count()).for_each(|i| film.set_layers(tile.pixel(i), &seen));
     }
     assert_ne!(format!("{film:?}"), format!("{:?}", new()));

@@ -34,6 +34,7 @@ fn shown([x, y]: [u32; 2]) -> LayerPixel {
         normal: if is_hole { [0.0; 3] } else { [turn.sin(), 0.0, turn.cos()] },
         albedo,
         id: 0,
+        ..LayerPixel::NOTHING
     }
 }
 
@@ -65,7 +66,13 @@ fn noise([x, y]: [u32; 2], sample: u32) -> [f32; 3] {
 /// What `film` keeps of what a pixel shows.
 fn kept(film: &Film, pixel: [u32; 2]) -> LayerPixel {
     let Guide { depth, normal, albedo } = film.guide(pixel);
-    LayerPixel { depth, normal: normal.normal().into(), albedo: albedo.albedo(), id: 0 }
+    LayerPixel {
+        depth,
+        normal: normal.normal().into(),
+        albedo: albedo.albedo(),
+        id: 0,
+        ..LayerPixel::NOTHING
+    }
 }
 
 /// The formula of the head, term by term, over all pixels of the window, from what is `shown` and `light`.
@@ -145,7 +152,13 @@ fn strips_meet_in_pictures_of_any_height() {
         let layers = Layers { filter: true, ..Layers::default() };
         let mut film = Film::new(resolution, layers, &Budget::unlimited()).unwrap();
         // One sample: the widest window. Only a slope along y comes out as itself where rows are in their places.
-        let wall = LayerPixel { depth: 1e6, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0 };
+        let wall = LayerPixel {
+            depth: 1e6,
+            normal: [0.0, 0.0, 1.0],
+            albedo: [0.5; 3],
+            id: 0,
+            ..LayerPixel::NOTHING
+        };
         for tile in (0..tile_count(resolution)).map(|index| tile(resolution, index)) {
             let rows: Vec<_> = (0..tile.pixel_count()).map(|i| tile.pixel(i)[1] as f32).collect();
             let light: Vec<_> = rows.iter().map(|&y| [y, 2.0 * y, 1.0]).collect();

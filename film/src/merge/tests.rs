@@ -58,7 +58,13 @@ fn sampled(resolution: [u32; 2], layers: Layers, portion: Portion) -> Film {
             }
         }
         for &[x, y] in pixels.iter().filter(|_| portion.samples[0] == 0) {
-            let seen = LayerPixel { depth: 3.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: x ^ y };
+            let seen = LayerPixel {
+                depth: 3.0,
+                normal: [0.0, 0.0, 1.0],
+                albedo: [0.5; 3],
+                id: x ^ y,
+                ..LayerPixel::NOTHING
+            };
             film.set_layers([x, y], if x.abs_diff(9) < 3 { &LayerPixel::NOTHING } else { &seen });
         }
     }

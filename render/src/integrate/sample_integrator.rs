@@ -26,8 +26,9 @@ use crate::sampler::{Decision, Sampler};
 use crate::scene::method::Method;
 use crate::stats::RayKind;
 use crate::trace::{Answer, Ray, Tracer};
-use glam::Vec3;
-use trex_film::LayerPixel;
+use glam::{DVec3, Vec3};
+use trex_film::{LayerPixel, LightKey, LightPlace};
+use trex_store::Material;
 
 /// The end of a step of a sample.
 pub(crate) enum Step {
@@ -218,17 +219,33 @@ impl<'a> SampleIntegrator<'a> {
     /// The stage after the ray through the pixel's centre.
     fn layers_end(&self, path: &mut Path, hit: Option<CRayHit>) -> Stage {
         path.sample.rays.count(RayKind::Primary);
-        path.sample.layers = Some(self.layer_pixel(hit));
+        let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
+        path.sample.layers = Some(self.layer_pixel(&self.ctx.world.projection.ray(x, y), hit));
         Stage::CRay(self.primary_ray(path.pixel, &path.sampler))
     }
 
-    /// What the layers show where a ray from the camera has ended.
-    fn layer_pixel(&self, hit: Option<CRayHit>) -> LayerPixel {
+    /// What the layers show where a `ray` from the camera has ended.
+    fn layer_pixel(&self, ray: &Ray, hit: Option<CRayHit>) -> LayerPixel {
         let Some(hit) = hit else { return LayerPixel::NOTHING };
         let material = &self.ctx.world.materials[hit.point.material as usize];
         let albedo = (hit.point.colour * Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
         let (depth, normal) = (hit.point.t as f32, hit.point.shading_normal.to_array());
-        LayerPixel { depth, normal, albedo, id: hit.layer_id() }
+        let light_key = LightKey::new(&self.light_place(ray, &hit, material));
+        LayerPixel { depth, normal, albedo, id: hit.layer_id(), light_key }
+    }
+
+    /// What light is kept of where a `ray` from the camera has met `material`: of the side that it sees.
+    fn light_place(&self, ray: &Ray, hit: &CRayHit, material: &Material) -> LightPlace {
+        let direction = DVec3::from(ray.direction);
+        let normal = hit.point.shading_normal.as_dvec3();
+        let is_outside = direction.dot(hit.point.normal.as_dvec3()) <= 0.0;
+        LightPlace {
+            place: (DVec3::from(ray.origin) + hit.point.t * direction).to_array(),
+            normal: if is_outside { normal } else { -normal }.to_array(),
+            pixel_width: hit.point.t * self.ctx.world.projection.pixel_angle(),
+            is_voxel: hit.form == Form::Voxel,
+            seen_from: material.is_glossy().then(|| (-direction).to_array()),
+        }
     }
 
     fn c_ray_step<T: Tracer>(
@@ -264,7 +281,7 @@ impl<'a> SampleIntegrator<'a> {
         path.sample.rays.count(path.origin.ray_kind());
         path.sample.meets_model |= path.vertex == 0 && hit.is_some();
         if path.keeps_first_hit && path.vertex == 0 {
-            path.sample.layers = Some(self.layer_pixel(hit));
+            path.sample.layers = Some(self.layer_pixel(ray, hit));
         }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)
     }

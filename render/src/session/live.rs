@@ -37,7 +37,7 @@ use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
 use super::foresight::Foresight;
 use super::ladder::Ladder;
-use super::shares::history_lease;
+use super::shares::keep_light;
 use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
 use crate::trace::PagedTracer;
@@ -62,6 +62,8 @@ pub struct FrameOptions {
     pub looks_ahead: bool,
     /// True when the light of the picture before is carried to where its surfaces are seen after the camera has moved.
     pub carries_light: bool,
+    /// True when that of earlier pictures is kept where it is in the world, too.
+    pub caches_light: bool,
 }
 
 impl Default for FrameOptions {
@@ -73,6 +75,7 @@ impl Default for FrameOptions {
             fills_while_moving: true,
             looks_ahead: false,
             carries_light: true,
+            caches_light: true,
         }
     }
 }
@@ -120,7 +123,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let (light, work) = self.light_parts(&|| false);
         light.go_live(&work, leases.light)?;
         let mut display = Display::in_lease(settings.resolution, leases.display);
-        display.keep_history(history_lease(&self.budget, settings.resolution));
+        keep_light(&mut display, &self.budget, settings.resolution, options.caches_light);
         let live = Live {
             options,
             display,

@@ -69,11 +69,13 @@ pub struct MemoryPlan {
 }
 
 impl PictureNeeds {
-    /// Bytes of the picture before the one on show, of `room` that frames take otherwise: none where these would feel
-    /// it.
+    /// Bytes of the light before that is kept, of `room` that frames take otherwise: none where these would feel it.
     fn history_bytes(&self, room: u64) -> u64 {
-        let bytes = Display::history_bytes(self.settings.resolution);
-        if self.is_live && HISTORY_PART * bytes <= room { bytes } else { 0 }
+        let resolution = self.settings.resolution;
+        let within = |room: u64, bytes: u64| if HISTORY_PART * bytes <= room { bytes } else { 0 };
+        let picture = within(room, Display::history_bytes(resolution));
+        let world = within(room - picture, Display::cache_bytes(resolution));
+        if self.is_live { picture + world } else { 0 }
     }
 
     /// True when voxels are needed in memory.

@@ -80,9 +80,19 @@ pub(super) struct LiveLeases {
     pub(super) light: Lease,
 }
 
-/// A lease of what the picture before takes, of `resolution`; `None` where `budget` has no room for it.
-pub(super) fn history_lease(budget: &Budget, resolution: [u32; 2]) -> Option<Lease> {
-    budget.lease("the picture before the one on show", Display::history_bytes(resolution)).ok()
+/// Has `display`, of `resolution`, keep of the light before what `budget` has room for: the picture before, and light
+/// in the world where that `is_cached`.
+pub(super) fn keep_light(display: &mut Display, budget: &Budget, resolution: [u32; 2], is_cached: bool) {
+    let lease = |what, bytes| budget.lease(what, bytes).ok();
+    display.keep_history(lease("the picture before the one on show", Display::history_bytes(resolution)));
+    let cache = is_cached.then(|| lease("light kept in the world", Display::cache_bytes(resolution)));
+    display.keep_cache(cache.flatten());
+}
+
+/// Has `display` keep no light of before.
+pub(super) fn keep_no_light(display: &mut Display) {
+    display.keep_history(None);
+    display.keep_cache(None);
 }
 
 impl SessionShares {

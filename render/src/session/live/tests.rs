@@ -229,6 +229,52 @@ fn previews_of_a_moving_camera_have_the_light_of_those_before() {
     assert!(carried < 0.5 * alone && lit_anew > 0.8 * alone, "{carried} {alone} {lit_anew}");
 }
 
+/// A view that is seen again after another has less noise where light is kept in the world; not where a lamp has moved
+/// since.
+#[test]
+fn previews_of_a_view_that_comes_back_have_the_light_of_the_time_before() {
+    let keys =
+        RenderKeys { resolution: [48, 48], n_shadow: 1, integrator: Method::Direct, ..RenderKeys::default() };
+    let lamp = |x: f64| Light::Rect {
+        corner: [x, -1.0, 1.0],
+        edge_u: [0.0, 2.0, 0.0],
+        edge_v: [2.0, 0.0, 0.0],
+        radiance: [3.0; 3],
+    };
+    let shown = |seed: u64, caches_light: bool, moves_lamp: bool| {
+        let t_max = Duration::from_secs(60);
+        let options = FrameOptions { t_max, caches_light, ..FrameOptions::default() };
+        let mut live = floor_demanding(0, RenderKeys { seed, ..keys }).go_live(options).unwrap();
+        live.apply(Event::Lights(vec![lamp(1.0)])).unwrap();
+        live.frame(1, &|| false);
+        let first = live.view.camera;
+        for step in 1..=8 {
+            // Another part of the floor, of which nothing is seen from the first place, and back.
+            let mut other = first;
+            other.position[0] += 50.0;
+            other.target[0] += 50.0;
+            for camera in [other, first] {
+                live.apply(Event::Camera(camera)).unwrap();
+                if moves_lamp {
+                    live.apply(Event::Lights(vec![lamp(1.0 + 1e-3 * f64::from(step))])).unwrap();
+                }
+                live.frame(1, &|| false);
+            }
+        }
+        (0..48 * 48).map(|at| live.shown([at % 48, at / 48])[1]).collect::<Vec<f32>>()
+    };
+    let noise = |caches_light: bool, moves_lamp: bool| {
+        let pictures: Vec<_> = (1..=8).map(|seed| shown(seed, caches_light, moves_lamp)).collect();
+        let variance = |at: usize| {
+            let mean = pictures.iter().map(|picture| picture[at]).sum::<f32>() / 8.0;
+            pictures.iter().map(|picture| (picture[at] - mean).powi(2)).sum::<f32>()
+        };
+        (0..48 * 48).map(variance).sum::<f32>()
+    };
+    let [kept, alone, lit_anew] = [noise(true, false), noise(false, false), noise(true, true)];
+    assert!(kept < 0.5 * alone && lit_anew > 0.8 * alone, "{kept} {alone} {lit_anew}");
+}
+
 /// From an event to the first frame after it what was on show stays, as its samples are.
 #[test]
 fn what_was_on_show_stays_until_the_first_frame_after_an_event() {

@@ -1,0 +1,67 @@
+//! Light kept in the world, mixed into the samples of a picture and taken from them: see `light_cache.rs`.
+
+use super::history::WorthyLight;
+use super::light_cache::LightCache;
+use super::{Coarse, KEPT_STEP, SampleGrid, planes, planes_mut, sample_count};
+use crate::film::LayerPixel;
+use glam::Vec3;
+
+/// Pixels that a sample of the finest grid stands for.
+const PIXELS_OF_SAMPLE: f32 = (KEPT_STEP * KEPT_STEP) as f32;
+
+impl Coarse {
+    /// Bytes that light kept in the world takes beside the samples.
+    pub(crate) fn cache_bytes(resolution: [u32; 2]) -> u64 {
+        LightCache::bytes(sample_count(resolution, KEPT_STEP))
+    }
+
+    /// Makes room for light in the world, or takes it away.
+    pub(crate) fn keep_cache(&mut self, is_kept: bool) {
+        self.cache = is_kept.then(|| LightCache::new(self.surfaces.len()));
+    }
+
+    /// Nothing is kept in the world.
+    pub(crate) fn forget_cache(&mut self) {
+        if let Some(cache) = &mut self.cache {
+            cache.forget();
+        }
+    }
+
+    /// Learns where the light of what sample `at` saw is kept.
+    pub(super) fn set_key(&mut self, at: usize, seen: &LayerPixel) {
+        if let Some(cache) = &mut self.cache {
+            cache.set_key(at, seen.light_key);
+        }
+    }
+
+    /// Mixes the light of those samples at every `step`-th pixel that are new with what is kept of it in the world, and
+    /// adds it to that; does nothing without room for it.
+    pub(crate) fn recall(&mut self, step: u32) {
+        let Coarse { resolution, surfaces, light, cache, .. } = self;
+        let Some(cache) = cache else { return };
+        let [red, green, blue] = planes_mut(light);
+        for at in SampleGrid::new(surfaces, *resolution, step).places() {
+            if let Some(mixed) = cache.mix(at, Vec3::new(red[at], green[at], blue[at])) {
+                [red[at], green[at], blue[at]] = mixed.to_array();
+            }
+        }
+    }
+
+    /// Adds the light of the samples that exact ones have taken the place of to that kept in the world; `samples` tells
+    /// how many of those a pixel of a tile has.
+    pub(crate) fn keep_exact(&mut self, samples: &dyn Fn(u32) -> u32) {
+        let Coarse { resolution, surfaces, light, cache, .. } = self;
+        let Some(cache) = cache else { return };
+        let [red, green, blue] = planes(light);
+        let picked = SampleGrid::new(surfaces, *resolution, KEPT_STEP);
+        for y in 0..picked.size[1] {
+            for (index, columns) in picked.tiles_of_row(y) {
+                let worth = PIXELS_OF_SAMPLE * samples(index) as f32;
+                for at in columns.map(|x| y * picked.pitch + x).filter(|_| worth > 0.0) {
+                    cache
+                        .add_exact(at, WorthyLight { light: Vec3::new(red[at], green[at], blue[at]), worth });
+                }
+            }
+        }
+    }
+}
