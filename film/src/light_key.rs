@@ -48,14 +48,16 @@ impl LightKey {
             return LightKey::NONE;
         }
         let scale = (-level).exp2();
-        let kind = u64::from(of.is_voxel) << 62 | u64::from(of.seen_from.is_some()) << 61;
-        let cell = of.place.map(|v| (v * scale).floor());
-        // The nearest: what is turned along an axis is not between two parts.
-        let turned = of.normal.map(|v| (v * NORMAL_PARTS).round());
-        let from = of.seen_from.unwrap_or_default().map(|v| (v * DIRECTION_PARTS).round());
-        let numbers = [level].into_iter().chain(cell).chain(turned).chain(from);
-        let key = numbers.fold(kind, |key, number| mix(key ^ number as i64 as u64));
-        LightKey(key >> 1 | 1 << 62)
+        // To the nearest part: what is turned along an axis is not between two.
+        let part = |v: f64, parts: f64| (v * parts).round_ties_even() as i8 as u8;
+        let turned = of.normal.map(|v| part(v, NORMAL_PARTS));
+        let from = of.seen_from.unwrap_or_default().map(|v| part(v, DIRECTION_PARTS));
+        // A level takes 12 bits.
+        let kind =
+            (level as i64 as u64) << 2 | u64::from(of.is_voxel) << 1 | u64::from(of.seen_from.is_some());
+        let parts = turned.into_iter().chain(from).fold(kind, |parts, part| parts << 8 | u64::from(part));
+        let cell = of.place.map(|v| (v * scale).floor() as i64 as u64);
+        LightKey(cell.into_iter().fold(mix(parts), |key, number| mix(key ^ number)) >> 1 | 1 << 62)
     }
 
     /// Its number, of 63 bits.

@@ -69,6 +69,11 @@ impl LightCache {
         self.keys[at] = if key == LightKey::NONE { 0 } else { key.bits() | IS_NEW };
     }
 
+    /// The tag of the first cell that light of sample `at` may be in.
+    pub(super) fn first_tag(&self, at: usize) -> u32 {
+        self.cells[self.keys[at] as usize & (self.cells.len() - WAYS)].tag
+    }
+
     /// Adds the `light` of sample `at`, where that is new, worth one sample, and gives it mixed with what was kept.
     pub(super) fn mix(&mut self, at: usize, light: Vec3) -> Option<Vec3> {
         let key = self.keys[at];

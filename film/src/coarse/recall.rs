@@ -6,6 +6,8 @@ use super::{Coarse, KEPT_STEP, SampleGrid, planes, planes_mut, sample_count};
 use crate::film::LayerPixel;
 use glam::Vec3;
 
+/// Samples whose cells are brought from memory together.
+const TOGETHER: usize = 64;
 /// Pixels that a sample of the finest grid stands for.
 const PIXELS_OF_SAMPLE: f32 = (KEPT_STEP * KEPT_STEP) as f32;
 
@@ -40,9 +42,20 @@ impl Coarse {
         let Coarse { resolution, surfaces, light, cache, .. } = self;
         let Some(cache) = cache else { return };
         let [red, green, blue] = planes_mut(light);
-        for at in SampleGrid::new(surfaces, *resolution, step).places() {
-            if let Some(mixed) = cache.mix(at, Vec3::new(red[at], green[at], blue[at])) {
-                [red[at], green[at], blue[at]] = mixed.to_array();
+        let mut places = SampleGrid::new(surfaces, *resolution, step).places();
+        let mut together = Vec::with_capacity(TOGETHER);
+        loop {
+            together.clear();
+            together.extend(places.by_ref().take(TOGETHER));
+            if together.is_empty() {
+                break;
+            }
+            // Loads that wait for memory together, not one after the other.
+            std::hint::black_box(together.iter().fold(0, |all, &at| all ^ cache.first_tag(at)));
+            for &at in &together {
+                if let Some(mixed) = cache.mix(at, Vec3::new(red[at], green[at], blue[at])) {
+                    [red[at], green[at], blue[at]] = mixed.to_array();
+                }
             }
         }
     }
