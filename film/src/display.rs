@@ -290,9 +290,12 @@ impl Display {
         self.shown.map(|(_, step)| step)
     }
 
-    /// The camera moves: what is on show is from now on the picture before. False where nothing was shown since the
-    /// last event: the picture before stays what it is.
-    pub fn remember(&mut self) -> bool {
+    /// An event: what is on show is from now on the picture before. False where nothing was shown since the last event:
+    /// the picture before stays what it is. Where it is `lit_anew`, nothing is kept in the world.
+    pub fn remember(&mut self, lit_anew: bool) -> bool {
+        if lit_anew {
+            self.coarse.forget_cache();
+        }
         let is_fresh = std::mem::take(&mut self.is_fresh);
         if let Some((_, step)) = self.shown.filter(|_| is_fresh) {
             self.coarse.remember(step);
@@ -300,7 +303,7 @@ impl Display {
         is_fresh
     }
 
-    /// Something else than the camera changes: no light of before is right.
+    /// Something changes that leaves no light of before right.
     pub fn forget(&mut self) {
         self.is_fresh = false;
         self.coarse.forget();

@@ -52,6 +52,7 @@ impl Coarse {
         // A sample stands for what is around it, since light is smoothed: by the side of that.
         let worth = (pictures * KEPT_STEP as f32 / step as f32).min(HISTORY_MOST);
         let (before, now) = history.parts();
+        let is_lit_anew = reprojection.is_some_and(Reprojection::is_lit_anew);
         let [red, green, blue] = planes_mut(smoothed).map(|plane| plane.par_chunks_exact_mut(columns));
         let rows = red.zip(green).zip(blue).zip(now.rows(pitch * stride)).enumerate();
         pool.install(|| {
@@ -62,7 +63,10 @@ impl Coarse {
                     let pixel = [x, y].map(|v| v as u32 * step);
                     let carried = reprojection
                         .and_then(|reprojection| before.light((resolution, pixel), seen, reprojection));
-                    if let Some(carried) = carried {
+                    if let Some(mut carried) = carried {
+                        if is_lit_anew {
+                            carried = carried.as_near_to(shown.light);
+                        }
                         shown = shown.with(carried, HISTORY_MOST);
                         [red[x], green[x], blue[x]] = shown.light.to_array();
                     }

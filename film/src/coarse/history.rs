@@ -5,8 +5,9 @@
 //!                         those of one surface with it: their light, and how many pictures that is worth
 //! ```
 //!
-//! What was not seen before, or looks otherwise there, has no history. Light is carried by a surface, without its
-//! albedo. C. Schied et al., "Spatiotemporal variance-guided filtering" (2017), 4.1.
+//! Where light has changed since, it is worth less the more it differs from what is found now. What was not seen before,
+//! or looks otherwise there, has no history. Light is carried by a surface, without its albedo. C. Schied et al.,
+//! "Spatiotemporal variance-guided filtering" (2017), 4.1.
 
 use super::grid::{KEPT_STEP, grid_size, sample_count};
 use super::surface::Surface;
@@ -17,6 +18,8 @@ use rayon::prelude::*;
 
 /// Parts of a picture in which worth is kept.
 const WORTH_PARTS: f32 = 16.0;
+/// Of light that has changed, what differs from what is found now by this share of the greater is worth nothing.
+const LIGHT_APART: f32 = 0.25;
 /// Share of the samples around that has to be of one surface with what is seen.
 const SHARE_LEAST: f32 = 0.05;
 
@@ -25,6 +28,9 @@ pub trait Reprojection: Sync {
     /// Film position (pixels from the upper left corner) and distance from the camera, model units, of a place in the
     /// picture before, which is seen at `film` and `depth` now; `None` where that camera had it behind itself.
     fn before(&self, film: [f64; 2], depth: f64) -> Option<([f64; 2], f64)>;
+
+    /// True where light has changed since.
+    fn is_lit_anew(&self) -> bool;
 }
 
 /// Light of a sample, over its albedo, and how many pictures of the finest grid it is worth.
@@ -73,6 +79,13 @@ impl WorthyLight {
             light: (self.worth * self.light + other.worth * other.light) / worth,
             worth: worth.min(most),
         }
+    }
+
+    /// Worth less the more it differs from `light`, which is that of the same place in light that may be another.
+    pub(super) fn as_near_to(self, light: Vec3) -> WorthyLight {
+        let greatest = self.light.max(light).max_element().max(f32::MIN_POSITIVE);
+        let apart = (self.light - light).abs().max_element() / greatest;
+        WorthyLight { worth: self.worth * (1.0 - apart / LIGHT_APART).max(0.0), ..self }
     }
 }
 

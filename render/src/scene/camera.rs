@@ -167,14 +167,15 @@ pub(crate) struct ViewChange {
     way: DVec3,
     /// Where film position (x, y) looks now, not of unit length: `across[0] + x across[1] + y across[2]`.
     across: [DVec3; 3],
+    is_lit_anew: bool,
 }
 
 impl ViewChange {
-    /// The change from a view `before` to that of `now`.
-    pub(crate) fn new(before: Projection, now: &Projection) -> ViewChange {
+    /// The change from a view `before` to that of `now`, and of light where it `is_lit_anew`.
+    pub(crate) fn new(before: Projection, now: &Projection, is_lit_anew: bool) -> ViewChange {
         let [width, height] = now.resolution.map(f64::from);
         let across = [now.forward - now.right - now.down, 2.0 / width * now.right, 2.0 / height * now.down];
-        ViewChange { before, way: now.position - before.position, across }
+        ViewChange { before, way: now.position - before.position, across, is_lit_anew }
     }
 }
 
@@ -189,6 +190,10 @@ impl Reprojection for ViewChange {
             (way.dot(side) / (ahead * side.length_squared()) + 1.0) / 2.0 * f64::from(pixels)
         };
         (ahead > 0.0).then(|| ([place(right, resolution[0]), place(down, resolution[1])], way.length()))
+    }
+
+    fn is_lit_anew(&self) -> bool {
+        self.is_lit_anew
     }
 }
 
@@ -246,7 +251,7 @@ mod tests {
         let before = camera(Fov::X(70.0)).project([200, 100]).unwrap();
         let turned = Camera { position: [3.0, 1.0, -2.0], target: [-1.0, 0.5, -9.0], ..camera(Fov::Y(40.0)) };
         let now = turned.project([60, 90]).unwrap();
-        let change = ViewChange::new(before, &now);
+        let change = ViewChange::new(before, &now, false);
         let (mut found, mut behind) = (0, 0);
         for [x, y, depth] in (0..400).map(|at| [at * 7 % 60, at * 13 % 90, 1 + at % 23].map(f64::from)) {
             let place = now.ray(x + 0.5, y + 0.5).at(depth);
@@ -261,7 +266,7 @@ mod tests {
         }
         assert!(found > 100 && behind == 0, "{found} {behind}");
         let back = Camera { target: [0.0, 0.0, 5.0], ..camera(Fov::X(70.0)) }.project([200, 100]).unwrap();
-        assert!(ViewChange::new(before, &back).before([100.0, 50.0], 2.0).is_none());
+        assert!(ViewChange::new(before, &back, false).before([100.0, 50.0], 2.0).is_none());
     }
 
     #[test]

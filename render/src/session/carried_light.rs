@@ -3,7 +3,8 @@
 //!
 //! ```text
 //! the camera moves             the picture on show is the one before, and its view is kept here
-//! light, material, parts ...   nothing is carried: no light of before is right
+//! light, a material             the same; what is carried is worth less the more it differs from what is found now
+//! parts, settings, photons      nothing is carried: no light of before is right
 //! ```
 //!
 //! Invariant: the view is that of the picture that the display keeps as the one before.
@@ -15,19 +16,22 @@ use trex_film::Display;
 #[derive(Debug, Default)]
 pub(super) struct CarriedLight {
     view: Option<Projection>,
+    /// Light has changed since it.
+    is_lit_anew: bool,
     /// Pictures that followed each other so.
     pictures: u32,
 }
 
 impl CarriedLight {
-    /// Learns that something has changed since the picture on `display`, which was of `view`: the camera alone, where
-    /// it `moves`.
-    pub(super) fn note_change(&mut self, display: &mut Display, view: Projection, moves: bool) {
-        if !moves {
-            self.forget(display);
-        } else if display.remember() {
+    /// Learns that the camera has moved since the picture on `display`, which was of `view`, or light has changed, where
+    /// it `is_lit_anew`.
+    pub(super) fn note_change(&mut self, display: &mut Display, view: Projection, is_lit_anew: bool) {
+        if display.remember(is_lit_anew) {
             self.view = Some(view);
+            self.is_lit_anew = is_lit_anew;
             self.pictures = self.pictures.wrapping_add(1);
+        } else {
+            self.is_lit_anew |= is_lit_anew;
         }
     }
 
@@ -39,7 +43,7 @@ impl CarriedLight {
 
     /// The change of view from the picture before to `now`.
     pub(super) fn change(&self, now: &Projection) -> Option<ViewChange> {
-        self.view.map(|before| ViewChange::new(before, now))
+        self.view.map(|before| ViewChange::new(before, now, self.is_lit_anew))
     }
 
     /// How many pictures followed each other before this one: each takes other random numbers, so that their noise is

@@ -145,7 +145,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     /// Those of [`Session::apply`]; nothing has changed then.
     pub fn apply(&mut self, event: Event) -> Result<()> {
         let (from, view) = (self.view.camera, self.world.projection);
-        let moves = matches!(event, Event::Camera(_));
+        let (moves, lights) =
+            (matches!(event, Event::Camera(_)), matches!(event, Event::Lights(_) | Event::Material { .. }));
         let change = match event {
             Event::Settings(settings) => self.resettle_live(settings)?,
             event => self.session.change(event)?,
@@ -155,7 +156,11 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         if change != Change::Nothing {
             let Live { options, display, carried, .. } = &mut self.live;
-            carried.note_change(display, view, moves && options.carries_light);
+            if (moves || lights) && options.carries_light {
+                carried.note_change(display, view, lights);
+            } else {
+                carried.forget(display);
+            }
             self.begin_state(change);
         }
         Ok(())

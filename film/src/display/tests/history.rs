@@ -10,12 +10,16 @@ fn with_history() -> Display {
     display
 }
 
-/// All that is seen has moved so many pixels to the right, and as far away as it was.
-struct MovedRight(f64);
+/// All that is seen has moved so many pixels to the right, and as far away as it was; whether light is another.
+struct MovedRight(f64, bool);
 
 impl Reprojection for MovedRight {
     fn before(&self, [x, y]: [f64; 2], depth: f64) -> Option<([f64; 2], f64)> {
         Some(([x - self.0, y], depth))
+    }
+
+    fn is_lit_anew(&self) -> bool {
+        self.1
     }
 }
 
@@ -26,10 +30,20 @@ fn show_moved(
     seen: impl Fn([u32; 2]) -> LayerPixel,
     radiance: impl Fn([u32; 2]) -> f32,
 ) {
+    show_lit(display, (moved, false), seen, radiance);
+}
+
+/// As [`show_moved`], in light that may be another than before.
+fn show_lit(
+    display: &mut Display,
+    (moved, is_lit_anew): (Option<f64>, bool),
+    seen: impl Fn([u32; 2]) -> LayerPixel,
+    radiance: impl Fn([u32; 2]) -> f32,
+) {
     for pixel in pixels().filter(|pixel| pixel.iter().all(|v| v % 2 == 0)) {
         display.set(pixel, Vec3::splat(radiance(pixel)), &seen(pixel));
     }
-    let moved = moved.map(MovedRight);
+    let moved = moved.map(|by| MovedRight(by, is_lit_anew));
     let reprojection = moved.as_ref().map(|moved| moved as &dyn Reprojection);
     display.show((0, 2), false, reprojection, &pool(2));
 }
@@ -40,7 +54,7 @@ fn light_is_carried_to_where_its_surface_is_seen() {
     let plain = |_: [u32; 2]| seen([0, 0]);
     let mut display = with_history();
     for (index, light) in [1.0, 4.0, 7.0].into_iter().enumerate() {
-        assert_eq!(display.remember(), index > 0, "nothing was shown before the first");
+        assert_eq!(display.remember(false), index > 0, "nothing was shown before the first");
         show_moved(&mut display, Some(4.0), plain, |_| light);
         for [x, y] in pixels() {
             // So many pictures had it before, as far as the samples around say.
@@ -59,7 +73,7 @@ fn noise_falls_from_picture_to_picture_to_a_bound() {
     let mut display = with_history();
     let mut variances = vec![];
     for picture in 0..40u64 {
-        display.remember();
+        display.remember(false);
         let noise = |[x, y]: [u32; 2]| (mix(picture << 32 | u64::from(x << 16 | y)) % 1000) as f32 / 500.0;
         show_moved(&mut display, Some(0.0), plain, noise);
         variances.push(pixels().map(|pixel| (at(&display, pixel)[0] - 1.0).powi(2)).sum::<f32>());
@@ -68,7 +82,7 @@ fn noise_falls_from_picture_to_picture_to_a_bound() {
     assert!(variances[0] > 3.0 * mean(&variances[8..]), "{variances:?}");
     // What was long ago counts ever less: light that has changed comes through.
     for _ in 0..20 {
-        display.remember();
+        display.remember(false);
         show_moved(&mut display, Some(0.0), plain, |_| 5.0);
     }
     assert!(pixels().all(|pixel| at(&display, pixel)[0] > 4.5));
@@ -88,7 +102,7 @@ fn what_was_not_seen_before_has_no_light_of_before() {
     let shown = |now: LayerPixel, moved: Option<f64>, is_forgotten: bool| {
         let mut display = with_history();
         show_moved(&mut display, None, |_| same, |_| 1.0);
-        assert!(display.remember() && !display.remember(), "once a picture");
+        assert!(display.remember(false) && !display.remember(false), "once a picture");
         if is_forgotten {
             display.forget();
         }
@@ -114,7 +128,7 @@ fn a_sparse_picture_can_be_filled_once_it_is_the_one_before() {
     let mut sparse = with_history();
     set_samples(&mut sparse, 2, light);
     sparse.show((7, 2), true, None, &pool(2));
-    assert!(sparse.remember());
+    assert!(sparse.remember(false));
     sparse.fill(&pool(2));
     assert!(sparse.radiance == whole.radiance);
 }
@@ -133,11 +147,31 @@ fn exact_light_is_carried_on_for_the_most_that_light_is_worth() {
             display.learn(&tile, &saw);
         }
         display.refresh(&film, &pool(2));
-        assert!(display.remember());
+        assert!(display.remember(false));
         show_moved(&mut display, Some(0.0), plain, |_| 11.0);
         at(&display, [9, 6])[0]
     };
     // 10 more in the last picture, which is worth 1 beside 2, then beside 4.
     assert!((shown(1) - (1.0 + 10.0 / 3.0)).abs() < 0.02, "{}", shown(1));
     assert!([3, 16].iter().all(|samples| (shown(*samples) - 3.0).abs() < 0.02), "{}", shown(16));
+}
+
+/// Light that has changed a little goes on; where it has changed much that of before is gone at once.
+#[test]
+fn light_that_was_another_is_worth_less_the_more_it_has_changed() {
+    let plain = |_: [u32; 2]| seen([0, 0]);
+    let shown = |light: f32| {
+        let mut display = with_history();
+        show_moved(&mut display, None, plain, |_| 1.0);
+        assert!(display.remember(true));
+        show_lit(&mut display, (Some(0.0), true), plain, |_| light);
+        at(&display, [9, 6])[0]
+    };
+    for light in [0.1, 0.7, 1.4, 30.0, 1e6] {
+        assert!((shown(light) / light - 1.0).abs() < 1e-3, "{light}: {}", shown(light));
+    }
+    for (light, least, most) in [(1.0, 0.999, 1.001), (1.1, 1.05, 1.08), (0.9, 0.92, 0.95)] {
+        assert!((least..most).contains(&shown(light)), "{light}: {}", shown(light));
+    }
+    assert!(shown(0.0) == 0.0);
 }

@@ -1,7 +1,8 @@
 //! Tests of frames: what is mixed of samples and the picture on show, and light that changes under way.
 
+mod carried;
+
 use super::*;
-use crate::scene::camera::Camera;
 use crate::scene::method::Method;
 use crate::scene::settings::RenderKeys;
 use crate::session::tests::{floor, floor_demanding, sun};
@@ -185,78 +186,6 @@ fn frames_are_as_exact_as_was_asked_for_whatever_the_demand() {
         let LiveSession { session, live } = &mut live;
         assert_eq!(live.tiles.is_scarce(&session.tracers), percent > 85);
     }
-}
-
-/// How much pictures of other random numbers differ, of the floor in the light of a lamp at x = 1, after `events` of
-/// the camera at first: a frame each, of events that come together.
-fn noise(options: FrameOptions, events: impl Fn(Camera) -> Vec<Vec<Event>>) -> f32 {
-    let shown = |seed: u64| {
-        let (resolution, integrator) = ([48, 48], Method::Direct);
-        let keys = RenderKeys { resolution, n_shadow: 1, integrator, seed, ..RenderKeys::default() };
-        let options = FrameOptions { t_max: Duration::from_secs(60), ..options };
-        let mut live = floor_demanding(0, keys).go_live(options).unwrap();
-        live.apply(lamp(1.0)).unwrap();
-        live.frame(1, &|| false);
-        for together in events(live.view.camera) {
-            together.into_iter().for_each(|event| live.apply(event).unwrap());
-            live.frame(1, &|| false);
-        }
-        (0..48 * 48).map(|at| live.shown([at % 48, at / 48])[1]).collect::<Vec<f32>>()
-    };
-    let pictures: Vec<_> = (1..=8).map(shown).collect();
-    let variance = |at: usize| {
-        let mean = pictures.iter().map(|picture| picture[at]).sum::<f32>() / 8.0;
-        pictures.iter().map(|picture| (picture[at] - mean).powi(2)).sum::<f32>()
-    };
-    (0..48 * 48).map(variance).sum()
-}
-
-/// A lamp over the floor at some x.
-fn lamp(x: f64) -> Event {
-    let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
-    Event::Lights(vec![Light::Rect { corner: [x, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] }])
-}
-
-/// The camera, and a lamp a little further on where it `moves_lamp`.
-fn step_events(camera: Camera, step: u32, moves_lamp: bool) -> Vec<Event> {
-    let lamps = moves_lamp.then(|| lamp(1.0 + 1e-3 * f64::from(step)));
-    [Event::Camera(camera)].into_iter().chain(lamps).collect()
-}
-
-/// From picture to picture of a camera that moves a little the noise of the preview falls; not where a lamp moves, nor
-/// where nothing is to be carried.
-#[test]
-fn previews_of_a_moving_camera_have_the_light_of_those_before() {
-    let noise = |carries_light: bool, moves_lamp: bool| {
-        let options = FrameOptions { carries_light, ..FrameOptions::default() };
-        noise(options, |mut camera| {
-            let step = |step: u32| {
-                camera.position[0] += 1e-3;
-                step_events(camera, step, moves_lamp)
-            };
-            (1..=8).map(step).collect()
-        })
-    };
-    let [carried, alone, lit_anew] = [noise(true, false), noise(false, false), noise(true, true)];
-    assert!(carried < 0.5 * alone && lit_anew > 0.8 * alone, "{carried} {alone} {lit_anew}");
-}
-
-/// A view that is seen again after another has less noise where light is kept in the world; not where a lamp has moved
-/// since.
-#[test]
-fn previews_of_a_view_that_comes_back_have_the_light_of_the_time_before() {
-    let noise = |caches_light: bool, moves_lamp: bool| {
-        let options = FrameOptions { caches_light, ..FrameOptions::default() };
-        noise(options, |camera| {
-            // Another part of the floor, of which nothing is seen from the first place, and back.
-            let mut other = camera;
-            other.position[0] += 50.0;
-            other.target[0] += 50.0;
-            (1..=8).flat_map(|step| [other, camera].map(|to| step_events(to, step, moves_lamp))).collect()
-        })
-    };
-    let [kept, alone, lit_anew] = [noise(true, false), noise(false, false), noise(true, true)];
-    assert!(kept < 0.5 * alone && lit_anew > 0.8 * alone, "{kept} {alone} {lit_anew}");
 }
 
 /// From an event to the first frame after it what was on show stays, as its samples are.
