@@ -26,7 +26,8 @@ const SHARE_LEAST: f32 = 0.05;
 /// Where a place was seen in the picture before.
 pub trait Reprojection: Sync {
     /// Film position (pixels from the upper left corner) and distance from the camera, model units, of a place in the
-    /// picture before, which is seen at `film` and `depth` now; `None` where that camera had it behind itself.
+    /// picture before, which is seen at `film` and `depth` now; `None` where that camera had it behind itself, or saw it
+    /// from a direction in which its light may be another.
     fn before(&self, film: [f64; 2], depth: f64) -> Option<([f64; 2], f64)>;
 
     /// True where light has changed since.

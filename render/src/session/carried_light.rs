@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! the camera moves             the picture on show is the one before, and its view is kept here
-//! light, a material             the same; what is carried is worth less the more it differs from what is found now
+//! light, a material            the same; what is carried is worth less the more it differs from what is found now
 //! parts, settings, photons      nothing is carried: no light of before is right
 //! ```
 //!
