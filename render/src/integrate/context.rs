@@ -51,7 +51,12 @@ impl<'a> RenderContext<'a> {
         let answers_g_rays = method.asks_voxels();
         let voxels = model.voxels.as_ref().map(|voxels| {
             let lower = voxels.lower_scene(occluders).filter(|_| answers_g_rays);
-            let shadows = if method == Method::Photon { shadows } else { Shadows::Voxel };
+            let shadows = match method {
+                Method::Photon => shadows,
+                // Of a preview alone, whose picture will have those of the mesh.
+                method if !method.asks_voxels() => Shadows::Mesh,
+                _ => Shadows::Voxel,
+            };
             let parts = &*world.parts;
             GScene {
                 voxels: voxels.scene(occluders),
@@ -81,12 +86,11 @@ impl<'a> RenderContext<'a> {
     }
 
     /// This context for a picture at once: at most one G-ray of a kind leaves a surface, and nothing waits for pages:
-    /// where a unit is missing, the voxel above it answers.
+    /// where a unit is missing, the voxel above it answers, and where a page is, the voxels.
     pub(crate) fn for_preview(self, previews_before: u32) -> RenderContext<'a> {
         let resident = |scene: GScene<'a>| {
             let lower = scene.lower.map(|lower| lower.on_missing(MissingUnits::StandIn));
-            let (near, shadows) = (Near::Voxel, Shadows::Voxel);
-            GScene { lower, near, shadows, answers_g_rays: true, ..scene }
+            GScene { lower, near: Near::Voxel, answers_g_rays: true, ..scene }
         };
         let voxels = self.voxels.map(resident);
         RenderContext {

@@ -169,9 +169,11 @@ impl RenderContext<'_> {
         Answer::Exact(self.after_gather_ray(*surface, gather.rays.end))
     }
 
-    /// What is known of a shadow ray. In a preview pages that are missing throw no shadow: it waits for none.
+    /// What is known of a shadow ray. A preview waits for no page: where one is missing, a voxel that was met throws its
+    /// shadow, and without voxels there is none.
     fn occlusion(&self, ray: &ShadowRay, answered: &GBatch) -> Answer<Occlusion> {
         match answered.occlusion(ray) {
+            Answer::Blocked if self.is_preview && ray.unsure.is_some() => Answer::Exact(Occlusion::Occluded),
             Answer::Blocked if self.is_preview => Answer::Exact(Occlusion::Clear),
             known => known,
         }
@@ -188,7 +190,8 @@ impl RenderContext<'_> {
     ) -> Part {
         let from = asked.shadows.len() as u32;
         for ray in &answered.shadows[part.range()] {
-            let mut parts = ShadowParts { on_mesh: None, in_voxels: None, unsure: None, light: ray.light };
+            let mut parts =
+                ShadowParts { on_mesh: None, in_voxels: None, unsure: ray.unsure, light: ray.light };
             match (answered.occlusion(ray), ray.unsure) {
                 (Answer::Exact(Occlusion::Unsure), Some(index)) => {
                     let query = integrator.shadow_query(self, path, surface, index);

@@ -28,6 +28,8 @@ pub(super) struct DemandMesh {
     mesh: NaiveMesh,
     percent: usize,
     pub(super) is_absent: bool,
+    /// The answer to whether anything is met; `None` for the mesh's own.
+    pub(super) occluded: Option<Answer<bool>>,
 }
 
 impl Tracer for DemandMesh {
@@ -36,7 +38,7 @@ impl Tracer for DemandMesh {
     }
 
     fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
-        self.mesh.occluded(ray)
+        self.occluded.unwrap_or_else(|| self.mesh.occluded(ray))
     }
 }
 
@@ -88,14 +90,25 @@ pub(super) fn floor(keys: RenderKeys) -> Session<impl PagedTracer + Send> {
 }
 
 pub(super) fn floor_demanding(percent: usize, keys: RenderKeys) -> Session<DemandMesh> {
-    floor_on(Box::new(CpuStage::default()), percent, keys).0
+    floor_on(FLOOR, Box::new(CpuStage::default()), percent, keys).0
 }
 
-/// [`FLOOR`], whose G-rays are answered by `g_stage`, and its file.
-fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Session<DemandMesh>, PageFile) {
+/// [`FLOOR`] under a roof, 2 wide, that is in the voxels alone.
+pub(super) fn roofed_floor(keys: RenderKeys) -> Session<DemandMesh> {
+    let obj = format!("{FLOOR}v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 5 6 7 8\n");
+    floor_on(&obj, Box::new(CpuStage::default()), 0, keys).0
+}
+
+/// [`FLOOR`] in the voxels of `obj`, whose G-rays are answered by `g_stage`, and the file of these.
+fn floor_on(
+    obj: &str,
+    g_stage: Box<dyn GStage>,
+    percent: usize,
+    keys: RenderKeys,
+) -> (Session<DemandMesh>, PageFile) {
     let folder = tempfile::tempdir().unwrap();
     let (input, path) = (folder.path().join("floor.obj"), folder.path().join("floor.trex"));
-    std::fs::write(&input, FLOOR).unwrap();
+    std::fs::write(&input, obj).unwrap();
     let budget = Budget::unlimited();
     let options = BuildOptions {
         precision: Precision::Default,
@@ -123,7 +136,7 @@ fn floor_on(g_stage: Box<dyn GStage>, percent: usize, keys: RenderKeys) -> (Sess
     let half = |at: [usize; 3]| NaiveTriangle { corners: at.map(|corner| corners[corner]), material: 0 };
     let mesh = NaiveMesh::new(vec![half([0, 1, 2]), half([0, 2, 3])]);
     let view = view([0.0, 0.0, 3.0], 30.0, sun(1.0), keys);
-    let tracers = vec![DemandMesh { mesh, percent, is_absent: false }];
+    let tracers = vec![DemandMesh { mesh, percent, is_absent: false, occluded: None }];
     let layers = Layers { filter: keys.filter == Filter::On, ..Layers::default() };
     let setup = SessionSetup { model, view, layers, portion: None, tracers, pool: pool(1).into(), g_stage };
     (Session::new(setup, &budget).unwrap(), file)
@@ -235,7 +248,8 @@ fn the_plan_counts_the_needs_of_the_stage_that_the_session_is_made_with() {
     for (integrator, is_live) in [(Method::Photon, false), (Method::Photon, true), (Method::Ao, false)] {
         let keys = RenderKeys { integrator, resolution: [40, 30], ..RenderKeys::default() };
         let bytes = |needs: GNeeds| {
-            let (session, file) = floor_on(Box::new(Hungry { inner: CpuStage::default(), needs }), 0, keys);
+            let (session, file) =
+                floor_on(FLOOR, Box::new(Hungry { inner: CpuStage::default(), needs }), 0, keys);
             let (settings, layers) = (session.view.settings, session.film.layers());
             let picture = PictureNeeds {
                 settings,

@@ -3,11 +3,12 @@
 mod carried;
 
 use super::*;
-use crate::scene::method::Method;
+use crate::scene::method::{Method, Shadows};
 use crate::scene::settings::RenderKeys;
-use crate::session::tests::{floor, floor_demanding, sun};
+use crate::session::tests::{floor, floor_demanding, roofed_floor, sun};
 use crate::session::{FetchBlock, FrameProgress};
 use crate::shading::light::Light;
+use crate::trace::Answer;
 use std::ops::ControlFlow;
 
 /// The picture on show is worth some samples, as the preview and with the light of samples in it, until it is done.
@@ -86,6 +87,34 @@ fn no_stand_in_shines_through_exact_samples() {
             }
         }
         assert_eq!((previews == 0, alone >= 3 * 64), (is_absent, is_absent), "{previews} {alone}");
+    }
+}
+
+/// A preview has the shadows of the mesh where that is resident, and those of voxels where it is not, or where these
+/// alone are asked for.
+#[test]
+fn a_preview_has_the_shadows_of_the_mesh_that_is_there() {
+    let lit = |integrator: Method, shadows: Shadows, occluded: Answer<bool>| {
+        let keys = RenderKeys {
+            resolution: [16, 16],
+            n_shadow: 1,
+            n_gather: 0,
+            integrator,
+            ..RenderKeys::default()
+        };
+        let mut live = roofed_floor(RenderKeys { shadows, ..keys }).go_live(FrameOptions::default()).unwrap();
+        live.session.tracers[0].occluded = Some(occluded);
+        while live.live.display.step() != Some(2) {
+            live.frame(1, &|| false);
+        }
+        live.shown([8, 8])[1] * std::f32::consts::PI
+    };
+    let near = |found: f32, expected: f32| assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+    for (integrator, by_voxels) in [(Method::Photon, 0.0), (Method::Direct, 0.7)] {
+        near(lit(integrator, Shadows::Mesh, Answer::Exact(false)), 0.7);
+        near(lit(integrator, Shadows::Mesh, Answer::Exact(true)), 0.0);
+        near(lit(integrator, Shadows::Mesh, Answer::Blocked), 0.0);
+        near(lit(integrator, Shadows::Voxel, Answer::Exact(false)), by_voxels);
     }
 }
 
