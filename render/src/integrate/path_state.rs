@@ -45,8 +45,9 @@ pub(crate) struct Path {
     pub(crate) travelled: f64,
     /// True when the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
-    /// True when the sample's layers are those where its ray from the camera ends.
-    pub(crate) keeps_first_hit: bool,
+    /// True while the sample's layers are to be those of the place where its next C-ray ends: of the ray from the camera,
+    /// and of those that mirrors send on.
+    pub(crate) keeps_seen: bool,
     pub(crate) throughput: Vec3,
     /// The origin of the current C-ray.
     pub(crate) origin: Origin,
@@ -172,7 +173,7 @@ impl Path {
             vertex: 0,
             travelled: 0.0,
             is_far: false,
-            keeps_first_hit: false,
+            keeps_seen: false,
             throughput: Vec3::ONE,
             origin: Origin::Camera,
             sample: Sample::default(),

@@ -30,6 +30,9 @@ use glam::{DVec3, Vec3};
 use trex_film::{LayerPixel, LightKey, LightPlace};
 use trex_store::Material;
 
+/// What a mirror may scatter, or give, beside what it mirrors, and show nothing but what is seen in it.
+const OWN_MOST: f32 = 0.1;
+
 /// The end of a step of a sample.
 pub(crate) enum Step {
     /// The next ray waits for pages.
@@ -73,8 +76,8 @@ impl<'a> SampleIntegrator<'a> {
         let sampler = Sampler::new(self.ctx.world.settings.seed, pixel, sample);
         let shows_layers = self.ctx.has_layers && sample == 0;
         let stage = if shows_layers { Stage::Layers } else { Stage::CRay(self.primary_ray(pixel, &sampler)) };
-        let keeps_first_hit = self.ctx.judges_preview && sample == 0 && !shows_layers;
-        Path { keeps_first_hit, ..Path::new(pixel, sampler, stage) }
+        let keeps_seen = self.ctx.judges_preview && sample == 0 && !shows_layers;
+        Path { keeps_seen, ..Path::new(pixel, sampler, stage) }
     }
 
     /// The sample of `pixel` (x, y) in a preview: together with those around it a set that is stratified, as the
@@ -83,7 +86,7 @@ impl<'a> SampleIntegrator<'a> {
         let seed = self.ctx.world.settings.seed.wrapping_add(self.ctx.previews_before.into());
         let sampler = Sampler::among(seed, pixel);
         let stage = Stage::CRay(self.primary_ray(pixel, &sampler));
-        Path { keeps_first_hit: true, ..Path::new(pixel, sampler, stage) }
+        Path { keeps_seen: true, ..Path::new(pixel, sampler, stage) }
     }
 
     /// Traces the rays from the camera of a tile's paths together. A path whose ray is blocked stays as it is, and is
@@ -220,29 +223,44 @@ impl<'a> SampleIntegrator<'a> {
     fn layers_end(&self, path: &mut Path, hit: Option<CRayHit>) -> Stage {
         path.sample.rays.count(RayKind::Primary);
         let [x, y] = path.pixel.map(|x| f64::from(x) + 0.5);
-        path.sample.layers = Some(self.layer_pixel(&self.ctx.world.projection.ray(x, y), hit));
+        path.sample.layers = Some(self.layer_pixel(&self.ctx.world.projection.ray(x, y), hit, 0.0));
         Stage::CRay(self.primary_ray(path.pixel, &path.sampler))
     }
 
-    /// What the layers show where a `ray` from the camera has ended.
-    fn layer_pixel(&self, ray: &Ray, hit: Option<CRayHit>) -> LayerPixel {
+    /// What the layers show where a `ray` has ended, which begins so far from the camera.
+    fn layer_pixel(&self, ray: &Ray, hit: Option<CRayHit>, before: f64) -> LayerPixel {
         let Some(hit) = hit else { return LayerPixel::NOTHING };
         let material = &self.ctx.world.materials[hit.point.material as usize];
         let albedo = (hit.point.colour * Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
-        let (depth, normal) = (hit.point.t as f32, hit.point.shading_normal.to_array());
-        let light_key = LightKey::new(&self.light_place(ray, &hit, material));
+        let distance = before + hit.point.t;
+        let (depth, normal) = (distance as f32, hit.point.shading_normal.to_array());
+        let light_key = LightKey::new(&self.light_place(ray, &hit, material, distance));
         LayerPixel { depth, normal, albedo, id: hit.layer_id(), light_key }
     }
 
-    /// What light is kept of where a `ray` from the camera has met `material`: of the side that it sees.
-    fn light_place(&self, ray: &Ray, hit: &CRayHit, material: &Material) -> LightPlace {
+    /// Keeps what is seen where a `ray` of a path from the camera, over mirrors or not, has ended: a mirror that
+    /// scatters nothing shows what is seen in it, as far away as light has come.
+    fn keep_seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) {
+        let before = path.travelled - hit.map_or(0.0, |hit| hit.point.t);
+        let seen = self.layer_pixel(ray, hit, before);
+        let albedo = (path.throughput * Vec3::from(seen.albedo)).to_array();
+        path.sample.layers = Some(LayerPixel { albedo, ..seen });
+        path.keeps_seen = hit.is_some_and(|hit| {
+            let Material { kd, ke, ks, mirror, .. } = self.ctx.world.materials[hit.point.material as usize];
+            let own = Vec3::from(kd).max_element() + Vec3::from(ke).max_element();
+            mirror && own <= OWN_MOST * Vec3::from(ks).min_element()
+        });
+    }
+
+    /// What light is kept of where a `ray` has met `material`, at a distance from the camera: of the side that it sees.
+    fn light_place(&self, ray: &Ray, hit: &CRayHit, material: &Material, distance: f64) -> LightPlace {
         let direction = DVec3::from(ray.direction);
         let normal = hit.point.shading_normal.as_dvec3();
         let is_outside = direction.dot(hit.point.normal.as_dvec3()) <= 0.0;
         LightPlace {
             place: (DVec3::from(ray.origin) + hit.point.t * direction).to_array(),
             normal: if is_outside { normal } else { -normal }.to_array(),
-            pixel_width: hit.point.t * self.ctx.world.projection.pixel_angle(),
+            pixel_width: distance * self.ctx.world.projection.pixel_angle(),
             is_voxel: hit.form == Form::Voxel,
             seen_from: material.is_glossy().then(|| (-direction).to_array()),
         }
@@ -280,8 +298,8 @@ impl<'a> SampleIntegrator<'a> {
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
         path.sample.rays.count(path.origin.ray_kind());
         path.sample.meets_model |= path.vertex == 0 && hit.is_some();
-        if path.keeps_first_hit && path.vertex == 0 {
-            path.sample.layers = Some(self.layer_pixel(ray, hit));
+        if path.keeps_seen {
+            self.keep_seen(path, ray, hit);
         }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)
     }

@@ -219,6 +219,36 @@ fn a_mirror_shows_what_is_behind_the_viewer() {
     case.check(1, 0.05, 1e-6);
 }
 
+/// In a preview a mirror is what is seen in it, as far away as light has come, in the mirror's colour; but not one that
+/// scatters, nor what stands before the mirror.
+#[test]
+fn a_preview_sees_what_a_mirror_shows() {
+    let mut triangles = square(9.0, 0.0, false, 0).to_vec();
+    triangles.extend(
+        square(1.0, 4.0, true, 1)
+            .map(|t| NaiveTriangle { corners: t.corners.map(|[x, y, z]| [x - 3.0, y, z]), material: 1 }),
+    );
+    let seen = |of: Material, position: [f64; 3]| {
+        let case = Case::new(triangles.clone(), vec![of, grey(0.4)], vec![]);
+        let (world, mut mesh) = (Case { position, ..case }.world(), NaiveMesh::new(triangles.clone()));
+        let integrator = SampleIntegrator::new(RenderContext::from_mesh(&world).for_preview(0));
+        let mut path = integrator.start_preview([0, 0]);
+        let answer = integrator.advance(&mut path, &mut mesh, &CpuStage::default());
+        let Answer::Exact(sample) = answer else { panic!("the naive mesh has all its pages") };
+        let seen = sample.layers.unwrap();
+        (seen.depth, seen.normal[2].abs(), seen.albedo[0])
+    };
+    let near = |(depth, normal, albedo): (f32, f32, f32), expected: [f32; 3]| {
+        let off = [depth - expected[0], normal - expected[1], albedo - expected[2]];
+        assert!(off.iter().all(|off| off.abs() < 1e-3), "{depth} {normal} {albedo}, not {expected:?}");
+    };
+    near(seen(mirror(0.5), [3.0, 0.0, 4.0]), [10.0, 1.0, 0.2]);
+    near(seen(Material { kd: [0.2; 3], ..mirror(0.5) }, [3.0, 0.0, 4.0]), [5.0, 1.0, 0.7]);
+    near(seen(grey(0.6), [3.0, 0.0, 4.0]), [5.0, 1.0, 0.6]);
+    // Past the square nothing is seen in it.
+    assert_eq!(seen(mirror(0.5), [0.5, 0.0, 4.0]).0, f32::INFINITY);
+}
+
 #[test]
 fn between_two_mirrors_roulette_keeps_the_mean() {
     // Each bounce keeps 0.9, and the mirrors give light 1: 1 / (1 - 0.9) = 10.
