@@ -5,9 +5,9 @@
 //!                         those of one surface with it: their light, and how many pictures that is worth
 //! ```
 //!
-//! Where light has changed since, it is worth less the more it differs from what is found now. What was not seen before,
-//! or looks otherwise there, has no history. Light is carried by a surface, without its albedo. C. Schied et al.,
-//! "Spatiotemporal variance-guided filtering" (2017), 4.1.
+//! Where light has changed since, it is worth less the more it differs from what is found now. What was not seen
+//! before, or looks otherwise there, has no history. Light is carried by a surface, without its albedo. C. Schied et
+//! al., "Spatiotemporal variance-guided filtering" (2017), 4.1.
 
 use super::grid::{KEPT_STEP, grid_size, sample_count};
 use super::surface::Surface;
@@ -26,8 +26,8 @@ const SHARE_LEAST: f32 = 0.05;
 /// Where a place was seen in the picture before.
 pub trait Reprojection: Sync {
     /// Film position (pixels from the upper left corner) and distance from the camera, model units, of a place in the
-    /// picture before, which is seen at `film` and `depth` now; `None` where that camera had it behind itself, or saw it
-    /// from a direction in which its light may be another.
+    /// picture before, which is seen at `film` and `depth` now; `None` where that camera had it behind itself, or saw
+    /// it from a direction in which its light may be another.
     fn before(&self, film: [f64; 2], depth: f64) -> Option<([f64; 2], f64)>;
 
     /// True where light has changed since.

@@ -169,8 +169,8 @@ impl RenderContext<'_> {
         Answer::Exact(self.after_gather_ray(*surface, gather.rays.end))
     }
 
-    /// What is known of a shadow ray. A preview waits for no page: where one is missing, a voxel that was met throws its
-    /// shadow, and without voxels there is none.
+    /// What is known of a shadow ray. A preview waits for no page: where one is missing, a voxel that was met throws
+    /// its shadow, and without voxels there is none.
     fn occlusion(&self, ray: &ShadowRay, answered: &GBatch) -> Answer<Occlusion> {
         match answered.occlusion(ray) {
             Answer::Blocked if self.is_preview && ray.unsure.is_some() => Answer::Exact(Occlusion::Occluded),

@@ -45,8 +45,8 @@ pub(crate) struct Path {
     pub(crate) travelled: f64,
     /// True when the current C-ray leaves a place that voxels answered for.
     pub(crate) is_far: bool,
-    /// True while the sample's layers are to be those of the place where its next C-ray ends: of the ray from the camera,
-    /// and of those that mirrors send on.
+    /// True while the sample's layers are to be those of the place where its next C-ray ends: of the ray from the
+    /// camera, and of those that mirrors send on.
     pub(crate) keeps_seen: bool,
     pub(crate) throughput: Vec3,
     /// The origin of the current C-ray.

@@ -17,7 +17,7 @@ use super::g_rays::FirstRays;
 use super::g_scene::GScene;
 use super::lod::{Closest, behind};
 use super::path::PathTracing;
-use super::path_state::{Path, Sample, Stage};
+use super::path_state::{Origin, Path, Sample, Stage};
 use super::photon::PhotonMapping;
 use super::together::Together;
 use super::{CRays, Integrator};
@@ -298,7 +298,7 @@ impl<'a> SampleIntegrator<'a> {
         path.is_far = hit.is_some_and(|hit| hit.form == Form::Voxel);
         path.sample.rays.count(path.origin.ray_kind());
         path.sample.meets_model |= path.vertex == 0 && hit.is_some();
-        if path.keeps_seen {
+        if path.keeps_seen && !matches!(path.origin, Origin::Scattered { .. }) {
             self.keep_seen(path, ray, hit);
         }
         self.integrator.c_ray_end(&self.ctx, path, ray, hit)

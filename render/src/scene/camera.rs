@@ -159,8 +159,8 @@ impl Projection {
     }
 }
 
-/// Least cosine between the directions that a place is seen from, of two views that see the same light of it: what shines
-/// does so in some directions alone. 14 degrees, as far as no hand turns between two pictures.
+/// Least cosine between the directions that a place is seen from, of two views that see the same light of it: what
+/// shines does so in some directions alone. 14 degrees, as far as no hand turns between two pictures.
 const ALIKE_COS: f64 = 0.97;
 
 /// Two views of what does not move.

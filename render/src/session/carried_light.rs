@@ -23,8 +23,8 @@ pub(super) struct CarriedLight {
 }
 
 impl CarriedLight {
-    /// Learns that the camera has moved since the picture on `display`, which was of `view`, or light has changed, where
-    /// it `is_lit_anew`.
+    /// Learns that the camera has moved since the picture on `display`, which was of `view`, or light has changed,
+    /// where it `is_lit_anew`.
     pub(super) fn note_change(&mut self, display: &mut Display, view: Projection, is_lit_anew: bool) {
         if display.remember(is_lit_anew) {
             self.view = Some(view);
