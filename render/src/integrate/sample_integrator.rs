@@ -239,7 +239,7 @@ impl<'a> SampleIntegrator<'a> {
     }
 
     /// Keeps what is seen where a `ray` of a path from the camera, over mirrors or not, has ended: a mirror that
-    /// scatters nothing shows what is seen in it, as far away as light has come.
+    /// hardly scatters shows what is seen in it, as far away as light has come.
     fn keep_seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) {
         let before = path.travelled - hit.map_or(0.0, |hit| hit.point.t);
         let seen = self.layer_pixel(ray, hit, before);

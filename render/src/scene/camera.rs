@@ -190,14 +190,15 @@ impl Reprojection for ViewChange {
         let direction = first + x * to_right + y * down_by;
         let here = depth / direction.length() * direction;
         let way = self.way + here;
-        if way.dot(here) < ALIKE_COS * way.length() * here.length() {
+        let distance = way.length();
+        if way.dot(here) < ALIKE_COS * distance * depth {
             return None;
         }
         let ahead = way.dot(forward);
         let place = |side: DVec3, pixels: u32| {
             (way.dot(side) / (ahead * side.length_squared()) + 1.0) / 2.0 * f64::from(pixels)
         };
-        (ahead > 0.0).then(|| ([place(right, resolution[0]), place(down, resolution[1])], way.length()))
+        (ahead > 0.0).then(|| ([place(right, resolution[0]), place(down, resolution[1])], distance))
     }
 
     fn is_lit_anew(&self) -> bool {
