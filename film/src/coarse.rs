@@ -2,20 +2,12 @@
 //!
 //! ```text
 //! samples -> light alone: radiance over albedo
-//!         -> smoothed over neighbours alike in depth and albedo, for less the more their normals differ: 3x3 of them,
-//!            then 3x3 of every second one, of every fourth (a-trous)
+//!         -> smoothed over neighbours alike (`smoothing.rs`)
 //!         -> pixels between, from the four samples around: bilinear where these are of one surface, else like the
 //!            nearest -> radiance
 //! ```
 //!
-//! One surface: alike in depth and albedo. So an edge is a stair of the grid's step, and no colour bleeds
-//! across it. H. Dammertz, D. Sewtz, J. Hanika, H. Lensch, "Edge-avoiding a-trous wavelet transform for fast global
-//! illumination filtering" (2010).
-//!
-//! ```text
-//! step 8, 4   light of the samples -> copied to the work -> passes, back and forth between two halves of it
-//! step 2      light of the samples <-> work, and back: they keep it smoothed
-//! ```
+//! One surface: alike in depth and albedo. So an edge is a stair of the grid's step, and no colour bleeds across it.
 //!
 //! Invariants: 1. even light stays even; 2. a pixel's sums have one order, so the bytes do not depend on threads;
 //! 3. samples keep their light until a picture of the finest step is made of them, from then on that of the picture;
@@ -34,6 +26,7 @@ mod history;
 mod light_cache;
 mod neighbours;
 mod recall;
+mod smoothing;
 mod surface;
 
 use self::cells::{CellPixels, Cells};
@@ -43,7 +36,6 @@ pub use self::grid::{STEPS, grid_size};
 use self::history::History;
 pub use self::history::Reprojection;
 use self::light_cache::LightCache;
-use self::neighbours::Neighbours;
 use self::surface::{Surface, SurfaceRows};
 use super::film::LayerPixel;
 use super::packed::PackedLight;
@@ -57,12 +49,6 @@ use std::ops::Range;
 const TILE_SIDE_SAMPLES: usize = (TILE_SIDE_PIXELS / KEPT_STEP) as usize;
 /// Most light of a sample: sums of some are still finite.
 const LIGHT_MOST: f32 = 1e30;
-/// Smoothing: weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far
-/// these are, pass by pass.
-const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
-const STRIDES: [usize; 3] = [1, 2, 4];
-/// Rows that a thread smooths one after the other, at least: those around them are decoded once.
-const ROWS_LEAST: usize = 16;
 
 /// Samples at every [`KEPT_STEP`]-th pixel, and the picture that is made of some or all of them.
 #[derive(Debug)]
@@ -73,6 +59,8 @@ pub(super) struct Coarse {
     light: Vec<f32>,
     /// Room for the passes; empty until it is wanted.
     work: Vec<f32>,
+    /// How noisy the light is around each sample, in codes; there when the work is.
+    deviations: Vec<u8>,
     /// The picture before; `None` where there is no room for it.
     history: Option<History>,
     /// Light kept in the world; `None` where there is no room for it.
@@ -98,10 +86,15 @@ type FixedTiles<'a> = &'a (dyn Fn(u32) -> bool + Sync);
 /// Three planes of light, of the samples picked.
 type Planes<'a> = [&'a [f32]; 3];
 
+/// Planes of light that the work holds, of samples at every `step`-th pixel.
+fn sets(step: u32) -> usize {
+    if step == KEPT_STEP { 1 } else { 2 }
+}
+
 /// Numbers of the work: a copy of the light and as much again for every step but the finest.
 fn work_count(resolution: [u32; 2]) -> usize {
-    let sets = |step: u32| if step == KEPT_STEP { 1 } else { 2 };
-    STEPS.into_iter().map(|step| 3 * sets(step) * sample_count(resolution, step)).max().unwrap_or(0)
+    let count = |step: u32| 3 * sets(step) * sample_count(resolution, step);
+    STEPS.into_iter().map(count).max().unwrap_or(0)
 }
 
 /// Where in the work the light of the samples at every `step`-th pixel is, once it is smoothed: after an odd number of
@@ -131,11 +124,6 @@ impl Coarse {
         (sample_count(resolution, KEPT_STEP) * bytes) as u64
     }
 
-    /// Bytes that are taken beside them from [`Coarse::smooth`] on, until [`Coarse::release_work`].
-    pub(super) fn work_bytes(resolution: [u32; 2]) -> u64 {
-        (work_count(resolution) * size_of::<f32>()) as u64
-    }
-
     /// Samples that saw nothing.
     pub(super) fn new(resolution: [u32; 2]) -> Coarse {
         let count = sample_count(resolution, KEPT_STEP);
@@ -145,14 +133,10 @@ impl Coarse {
             surfaces,
             light: vec![0.0; 3 * count],
             work: Vec::new(),
+            deviations: Vec::new(),
             history: None,
             cache: None,
         }
-    }
-
-    /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
-    pub(super) fn release_work(&mut self) {
-        self.work = Vec::new();
     }
 
     /// Sets the sample of a pixel (x, y), both of them multiples of [`KEPT_STEP`].
@@ -172,48 +156,17 @@ impl Coarse {
         ((y / KEPT_STEP) * columns + x / KEPT_STEP) as usize
     }
 
-    /// True when the sample of the cell of a pixel (x, y), which what is shown there is made of, saw what is `seen`
-    /// there.
-    pub(super) fn is_same(&self, pixel: [u32; 2], seen: &LayerPixel) -> bool {
-        self.surfaces[self.place(pixel)].is_same(&Surface::new(seen))
+    /// True when the sample of the cell of a pixel (x, y), which what is shown there is made of where there is one at
+    /// every `step`-th pixel, saw what is `seen` there.
+    pub(super) fn is_same(&self, (step, pixel): (u32, [u32; 2]), seen: &LayerPixel) -> bool {
+        let first = pixel.map(|v| v / step * step);
+        self.surfaces[self.place(first)].is_same(&Surface::new(seen))
     }
 
-    /// Smooths the samples at every `step`-th pixel.
-    pub(super) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
-        self.smooth_but(step, None, pool);
-    }
-
-    /// Smooths the samples of the finest step in all tiles but those that are told.
-    pub(super) fn smooth_exact(&mut self, is_fixed: FixedTiles<'_>, pool: &ThreadPool) {
-        self.smooth_but(KEPT_STEP, Some(is_fixed), pool);
-    }
-
-    fn smooth_but(&mut self, step: u32, is_fixed: Option<FixedTiles<'_>>, pool: &ThreadPool) {
-        // Exactly so many are leased.
-        if self.work.is_empty() {
-            self.work = vec![0.0; work_count(self.resolution)];
-        }
-        let Coarse { resolution, surfaces, light, work, .. } = self;
-        let picked = SampleGrid { is_fixed, ..SampleGrid::new(surfaces, *resolution, step) };
-        let numbers = 3 * picked.count();
-        let (mut from, mut to) = if step == KEPT_STEP {
-            (&mut light[..], &mut work[..numbers])
-        } else {
-            let (copy, rest) = work.split_at_mut(numbers);
-            planes(light).into_iter().zip(copy.chunks_exact_mut(numbers / 3)).for_each(|(light, copy)| {
-                copy.iter_mut().zip(picked.places()).for_each(|(copy, at)| *copy = light[at]);
-            });
-            (copy, &mut rest[..numbers])
-        };
-        pool.install(|| {
-            for stride in STRIDES {
-                picked.smooth(stride, planes(from), to);
-                std::mem::swap(&mut from, &mut to);
-            }
-        });
-        if step == KEPT_STEP {
-            light.copy_from_slice(&work[..numbers]);
-        }
+    /// True when the sample of the cell of a pixel (x, y) saw voxels nearer than `depth`.
+    pub(super) fn has_voxels_before(&self, depth: f32, pixel: [u32; 2]) -> bool {
+        let seen = &self.surfaces[self.place(pixel)];
+        seen.is_voxel() && seen.depth() < depth
     }
 
     /// The samples at every `step`-th pixel that were smoothed last, and their light.
@@ -251,8 +204,6 @@ impl Coarse {
     }
 }
 
-const _: () = assert!(STRIDES.len() % 2 == 1, "the last pass writes where the first one did");
-
 impl<'a> SampleGrid<'a> {
     fn new(surfaces: &'a [Surface], resolution: [u32; 2], step: u32) -> SampleGrid<'a> {
         let size = grid_size(resolution, step).map(|side| side as usize);
@@ -265,7 +216,7 @@ impl<'a> SampleGrid<'a> {
     }
 
     /// Where the samples stand among those kept, by rows.
-    fn places(&self) -> impl Iterator<Item = usize> + use<> {
+    fn places(&self) -> impl Iterator<Item = usize> + Clone + use<> {
         let SampleGrid { pitch, stride, size: [columns, rows], .. } = *self;
         (0..rows).flat_map(move |y| (0..columns).map(move |x| (y * pitch + x) * stride))
     }
@@ -283,84 +234,11 @@ impl<'a> SampleGrid<'a> {
     }
 
     /// The tiles that row `y` of the finest grid goes through, and their samples in it.
-    fn tiles_of_row(&self, y: usize) -> impl Iterator<Item = (u32, Range<usize>)> + use<> {
+    fn tiles_of_row(&self, y: usize) -> impl Iterator<Item = (u32, Range<usize>)> + Clone + use<> {
         let width = self.size[0];
         let first = y / TILE_SIDE_SAMPLES * width.div_ceil(TILE_SIDE_SAMPLES);
         let parts = (0..width).step_by(TILE_SIDE_SAMPLES);
         (first as u32..).zip(parts.map(move |x| x..width.min(x + TILE_SIDE_SAMPLES)))
-    }
-
-    /// Smooths `light` over neighbours `stride` apart, to `out`.
-    fn smooth(&self, stride: usize, light: Planes<'_>, out: &mut [f32]) {
-        let width = self.size[0];
-        let (red, rest) = out.split_at_mut(self.count());
-        let (green, blue) = rest.split_at_mut(self.count());
-        let rows = red.par_chunks_exact_mut(width).zip(green.par_chunks_exact_mut(width));
-        let rows = rows.zip(blue.par_chunks_exact_mut(width)).enumerate();
-        let seen = || SurfaceRows::new(stride);
-        rows.with_min_len(ROWS_LEAST).for_each_init(seen, |room, (y, ((red, green), blue))| {
-            self.smooth_row(room, [y, stride], light, [&mut *red, &mut *green, &mut *blue]);
-            self.restore_fixed(y, light, [red, green, blue]);
-        });
-    }
-
-    /// Writes the smoothed light of row `y` to `out`.
-    fn smooth_row(
-        &self,
-        rows: &mut SurfaceRows,
-        [y, stride]: [usize; 2],
-        light: Planes<'_>,
-        out: [&mut [f32]; 3],
-    ) {
-        let [width, height] = self.size;
-        let [red, green, blue] = out;
-        for (row_out, light) in [&mut *red, green, blue].into_iter().zip(light) {
-            row_out.copy_from_slice(&light[y * width..][..width]);
-        }
-        let near = [y.checked_sub(stride), Some(y), Some(y + stride)];
-        let near = near.map(|other| other.filter(|other| *other < height));
-        near.into_iter().flatten().for_each(|other| self.see(other, rows));
-        let here = rows.row(y);
-        // Where nothing is seen there is nothing to smooth.
-        let is_seen = |depth: &f32| *depth < f32::INFINITY;
-        let Some(from) = here.depth.iter().position(is_seen) else { return };
-        let to = here.depth.iter().rposition(is_seen).expect("there is a first one") + 1;
-        // A sample weighs with itself, and is alike to itself.
-        let own = WEIGHTS[1] * WEIGHTS[1];
-        let mut total = vec![own; width];
-        [&mut *red, green, blue].into_iter().flatten().for_each(|light| *light *= own);
-        for (down, weight_y) in WEIGHTS.iter().enumerate() {
-            let Some(other) = near[down] else { continue };
-            let row = rows.row(other);
-            let light = light.map(|plane| &plane[other * width..][..width]);
-            for (right, weight_x) in WEIGHTS.iter().enumerate() {
-                // Columns whose neighbour is on the grid.
-                let right_by = right * stride;
-                let (first, end) = (
-                    from.max(stride.saturating_sub(right_by)),
-                    to.min((width + stride).saturating_sub(right_by)),
-                );
-                if first >= end || (down, right) == (1, 1) {
-                    continue;
-                }
-                let sums = [&mut *red, green, blue].map(|row| &mut row[first..end]);
-                let neighbours = Neighbours { here, first, row, at: first + right_by - stride, light };
-                neighbours.add(&mut total[first..end], sums, weight_x * weight_y);
-            }
-        }
-        for row in [red, green, blue] {
-            row.iter_mut().zip(&total).for_each(|(light, total)| *light /= total);
-        }
-    }
-
-    /// Takes the samples of row `y` in tiles that stay as they are from `light`.
-    fn restore_fixed(&self, y: usize, light: Planes<'_>, out: [&mut [f32]; 3]) {
-        let Some(is_fixed) = self.is_fixed else { return };
-        let fixed = self.tiles_of_row(y).filter(|(index, _)| is_fixed(*index)).map(|(_, at)| at);
-        for (at, c) in fixed.flat_map(|at| (0..3).map(move |c| (at.clone(), c))) {
-            let row = &light[c][y * self.size[0]..][..self.size[0]];
-            out[c][at.clone()].copy_from_slice(&row[at]);
-        }
     }
 
     /// Fills the pixels of `radiance`, rows of `width`, from the `light` of samples at every `step`-th.

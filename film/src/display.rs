@@ -18,6 +18,7 @@
 mod shrinkage;
 #[cfg(test)]
 mod tests;
+mod wanted;
 
 use super::coarse::{Coarse, Reprojection, STEPS, TileCorners};
 use super::film::{Film, LayerPixel};
@@ -30,6 +31,7 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 use shrinkage::TileLuminances;
 use trex_store::Lease;
+pub use wanted::GridPart;
 
 /// Samples of a pixel that the picture of the first rays is worth: it is smoothed over neighbours of one surface
 /// (`coarse.rs`), so it is as near to the truth as one or two samples are.
@@ -53,6 +55,8 @@ struct TileWorth {
     worth: u16,
     /// What is shown was mixed with samples before light changed by itself.
     holds_samples: bool,
+    /// Some of its samples are not shown yet.
+    has_new: bool,
     pixels: u64,
     /// What exact samples found pixels to be of one surface with; nothing before there are any.
     corners: TileCorners,
@@ -64,7 +68,8 @@ impl TileWorth {
     /// The preview's, before anything is known of what is there.
     fn of_preview(state: u32) -> TileWorth {
         let corners = TileCorners::default();
-        let worth = TileWorth { state, worth: 0, holds_samples: false, pixels: u64::MAX, corners };
+        let worth =
+            TileWorth { state, worth: 0, holds_samples: false, has_new: false, pixels: u64::MAX, corners };
         worth.with(FIRST_WORTH)
     }
 
@@ -219,48 +224,78 @@ impl Display {
     /// Learns what the first exact samples of pixels (x, y) of `tile` saw. Where the preview saw something else it is
     /// worth nothing from now on.
     pub fn learn(&mut self, tile: &Tile, seen: &[([u32; 2], LayerPixel)]) {
+        let step = self.step().unwrap_or(STEPS[0]);
         let standing = &mut self.standings[tile.index as usize];
         // Samples after the first of a pixel say nothing of what it saw.
         if standing.holds_samples || seen.is_empty() {
             return;
         }
         for (pixel, seen) in seen {
-            let is_same = u64::from(self.coarse.is_same(*pixel, seen));
+            let is_same = u64::from(self.coarse.is_same((step, *pixel), seen));
             standing.pixels = standing.pixels & !(1 << bit(*pixel)) | is_same << bit(*pixel);
         }
         standing.corners = self.coarse.set_seen(seen);
     }
 
-    /// Makes the picture anew with the light of the exact samples on `film`, whose tiles have all been learned; does
-    /// nothing where it shows another state or no picture of the finest grid.
-    pub fn refresh(&mut self, film: &Film, pool: &ThreadPool) {
-        let step = STEPS[STEPS.len() - 1];
-        if self.shown != Some((film.state(), step)) {
-            return;
+    fn tile_at(&self, pixel: [u32; 2]) -> usize {
+        let [x, y] = pixel.map(|v| v / TILE_SIDE_PIXELS);
+        (y * self.resolution[0].div_ceil(TILE_SIDE_PIXELS) + x) as usize
+    }
+
+    /// Shows the samples of the finest grid beside the exact ones of their state on `film`, whose tiles have all been
+    /// learned.
+    pub fn show_beside(&mut self, film: &Film, reprojection: Option<&dyn Reprojection>, pool: &ThreadPool) {
+        self.make_anew((film, true), reprojection, pool);
+        let (state, step) = (film.state(), STEPS[STEPS.len() - 1]);
+        self.shown = Some((state, step));
+        for (_, standing) in
+            (0..).zip(&mut self.standings).filter(|(index, _)| film.tile_samples(*index) == 0)
+        {
+            *standing = TileWorth::of_preview(state);
         }
+    }
+
+    /// Makes the picture anew with the light of the exact samples on `film`, whose tiles have all been learned, and of
+    /// those taken again; does nothing where it shows another state or no picture of the finest grid.
+    pub fn refresh(&mut self, film: &Film, pool: &ThreadPool) {
+        if self.shown == Some((film.state(), STEPS[STEPS.len() - 1])) {
+            self.make_anew((film, false), None, pool);
+            self.refreshes = self.refreshes.wrapping_add(1);
+        }
+    }
+
+    /// Makes a picture of the finest grid, with the light of the exact samples on `film`; of other tiles those stay as
+    /// they are whose samples are shown already, unless `all_is_new`.
+    fn make_anew(
+        &mut self,
+        (film, all_is_new): (&Film, bool),
+        reprojection: Option<&dyn Reprojection>,
+        pool: &ThreadPool,
+    ) {
+        let step = STEPS[STEPS.len() - 1];
+        let Display { resolution, radiance, coarse, standings, .. } = self;
         let is_exact = |index: u32| film.tile_samples(index) > 0;
-        let standings = &self.standings;
-        let corners = |index: u32| is_exact(index).then(|| standings[index as usize].corners);
-        self.coarse.take_light(film, &corners, pool);
-        self.coarse.keep_exact(&|index| film.tile_samples(index));
-        self.coarse.smooth_exact(&|index| !is_exact(index), pool);
+        let is_new = |index: u32| !is_exact(index) && (all_is_new || standings[index as usize].has_new);
+        let corners = |index: u32| Some(standings[index as usize].corners).filter(|_| is_exact(index));
+        coarse.recall(&is_new);
+        coarse.take_light(film, &corners, pool);
+        coarse.keep_exact(&|index| film.tile_samples(index));
+        coarse.smooth_exact(&|index| !is_exact(index) && !is_new(index), pool);
         // A picture of the finest grid has one sample where these are of some pixels.
-        self.coarse.carry((step, 1.0 + film.samples() as f32), None, pool);
-        self.is_sparse = true;
-        self.fill(pool);
-        let Display { resolution, radiance, standings, .. } = self;
+        coarse.carry((step, 1.0 + film.samples() as f32), reprojection, pool);
+        coarse.fill(step, &corners, radiance, pool);
         pool.install(|| {
-            standings.par_iter_mut().enumerate().filter(|(index, _)| is_exact(*index as u32)).for_each(
-                |(index, standing)| {
+            standings.par_iter_mut().enumerate().for_each(|(index, standing)| {
+                standing.has_new = false;
+                if is_exact(index as u32) {
                     standing.pixels = standing.corners.any();
                     let luminances = luminances(tile(*resolution, index as u32), film, radiance);
                     let samples = film.tile_samples(index as u32);
                     *standing = standing.with(shrinkage::worth(&luminances, standing.pixels, samples));
-                },
-            );
+                }
+            });
         });
-        self.is_fresh = true;
-        self.refreshes = self.refreshes.wrapping_add(1);
+        (self.is_sparse, self.is_fresh) = (false, true);
     }
 
     /// How often the picture was made anew, so far.
@@ -293,12 +328,12 @@ impl Display {
     /// An event: what is on show is from now on the picture before. False where nothing was shown since the last event:
     /// the picture before stays what it is. Where it is `lit_anew`, nothing is kept in the world.
     pub fn remember(&mut self, lit_anew: bool) -> bool {
-        if lit_anew {
-            self.coarse.forget_cache();
-        }
         let is_fresh = std::mem::take(&mut self.is_fresh);
         if let Some((_, step)) = self.shown.filter(|_| is_fresh) {
             self.coarse.remember(step);
+        }
+        if lit_anew {
+            self.coarse.forget_cache();
         }
         is_fresh
     }
@@ -319,6 +354,8 @@ impl Display {
     /// Sets the sample of a pixel (x, y), one of the finest grid: its radiance, linear RGB, and what it saw.
     pub fn set(&mut self, pixel: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
         self.coarse.set(pixel, radiance, seen);
+        let index = self.tile_at(pixel);
+        self.standings[index].has_new = true;
     }
 
     /// Shows the samples at every `step`-th pixel, all of which are of `state`; where `is_sparse` at their own pixels
@@ -330,8 +367,6 @@ impl Display {
         reprojection: Option<&dyn Reprojection>,
         pool: &ThreadPool,
     ) {
-        // Grid by grid, whether they are shown in turn or the last alone.
-        STEPS.into_iter().filter(|grid| *grid >= step).for_each(|grid| self.coarse.recall(grid));
         self.coarse.smooth(step, pool);
         self.coarse.carry((step, 1.0), reprojection, pool);
         (self.shown, self.is_sparse, self.is_fresh) = (Some((state, step)), true, true);

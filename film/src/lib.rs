@@ -13,12 +13,14 @@
 //! rgb_sum                 radiances of a pixel, summed
 //! saliency tile portion   what catches the eye; tiles of a picture, and their order; shares of the work on it
 //! film                    sums of samples, layers beside them
+//! brightness              how bright surfaces are: an exposure
 //! filter coarse part      indirect light smoothed; a picture of few samples; sums of a portion, kept in a file
 //! display encode merge    the picture on show; PNG and EXR; a picture out of its parts
 //! ```
 //!
 //! This crate knows no rays, no scenes and no files: who gives it samples decides what they are of.
 
+mod brightness;
 mod coarse;
 mod display;
 mod encode;
@@ -39,8 +41,9 @@ mod testing;
 mod tests;
 mod tile;
 
+pub use brightness::Brightness;
 pub use coarse::{Reprojection, STEPS, grid_size};
-pub use display::Display;
+pub use display::{Display, GridPart};
 pub use encode::{Image, Strips, encoder_bytes, write_exr, write_exr_strips, write_png, write_png_strips};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes, portion_bytes};
 pub use filter::{filter_bytes, smooth};

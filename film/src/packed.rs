@@ -166,9 +166,12 @@ impl PackedAlbedo {
     }
 }
 
+/// Shares of the channels in a luminance: those of Rec. 709.
+pub(crate) const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
 /// Luminance of linear RGB, ITU-R BT.709.
 pub(crate) fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+    rgb.dot(Vec3::from(LUMINANCE))
 }
 
 #[cfg(test)]

@@ -57,8 +57,8 @@ pub use scene::settings::{RenderKeys, RenderSettings};
 pub use scene::text::{CameraKeys, Scene};
 pub use scene::world::{MaterialEdit, Model, View, World};
 pub use session::{
-    BLOCK_TILES_MIN, Brightness, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession,
-    MemoryPlan, Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
+    BLOCK_TILES_MIN, Event, FetchBlock, FrameOptions, FrameProgress, FrameReport, LiveSession, MemoryPlan,
+    Pick, PictureNeeds, RenderStats, Session, SessionSetup, TileStamp,
 };
 pub use shading::{Emitter, Emitters, Light};
 pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
@@ -70,10 +70,10 @@ pub use trace::{
     seated_tracers,
 };
 pub use trex_film::{
-    CAMERA_NUMBERS, Display, Film, Image, LayerPixel, Layers, MergeSetup, MergedStrips, Misfit, NO_ID,
-    PART_MAGIC, PartDifference, PartFile, PartHead, Portion, STEPS, Saliency, Strips, TILE_SIDE_PIXELS, Tile,
-    TileOrder, Tiles, digest, encoder_bytes, film_bytes, filter_bytes, merge_bytes, misfit, tile_count,
-    write_exr, write_exr_strips, write_part, write_png, write_png_strips,
+    Brightness, CAMERA_NUMBERS, Display, Film, Image, LayerPixel, Layers, MergeSetup, MergedStrips, Misfit,
+    NO_ID, PART_MAGIC, PartDifference, PartFile, PartHead, Portion, STEPS, Saliency, Strips,
+    TILE_SIDE_PIXELS, Tile, TileOrder, Tiles, digest, encoder_bytes, film_bytes, filter_bytes, merge_bytes,
+    misfit, tile_count, write_exr, write_exr_strips, write_part, write_png, write_png_strips,
 };
 pub use voxel::{
     GAnswer, GKind, GRay, LowerHit, LowerLeaf, LowerScene, MissingUnits, Occluders, PacketWidth, VoxelHit,

@@ -23,6 +23,7 @@ impl Coarse {
 
     /// The light on show, of samples at every `step`-th pixel, is from now on that of the picture before.
     pub(crate) fn remember(&mut self, step: u32) {
+        self.keep_new(step);
         if let Some(history) = &mut self.history {
             history.exchange(step, &mut self.surfaces);
         }

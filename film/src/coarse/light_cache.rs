@@ -6,7 +6,8 @@
 //! ```
 //!
 //! So what was seen some views ago has its light at once when the camera comes back, which the picture before cannot
-//! give. Samples are mixed with what is kept one after the other, so what is shown does not depend on threads.
+//! give. Samples are mixed with what was kept before their picture, and then added one after the other, so what is
+//! shown does not depend on threads.
 //!
 //! Invariants: 1. light goes with its key alone: what was not seen before has none; 2. the worth of a cell is bounded:
 //! what comes later counts for more than what was long ago; 3. nothing is kept over a change of light.
@@ -20,6 +21,8 @@ use glam::Vec3;
 const WORTH_MOST: f32 = 16.0;
 /// Parts of a sample in which worth is kept.
 const WORTH_PARTS: f32 = 256.0;
+/// Samples whose cells are brought from memory together.
+const TOGETHER: usize = 64;
 /// Cells of a bucket.
 const WAYS: usize = 4;
 /// Says that the sample of a key has not been mixed with what is kept.
@@ -69,20 +72,60 @@ impl LightCache {
         self.keys[at] = if key == LightKey::NONE { 0 } else { key.bits() | IS_NEW };
     }
 
-    /// The tag of the first cell that light of sample `at` may be in.
-    pub(super) fn first_tag(&self, at: usize) -> u32 {
-        self.cells[self.keys[at] as usize & (self.cells.len() - WAYS)].tag
+    /// Mixes the light of samples that are new with what is kept of pictures before; each is told by its place in
+    /// `light` and its own. Those of one picture are not mixed with each other: what chance brought one would stand for
+    /// many.
+    pub(super) fn mix(&self, light: [&mut [f32]; 3], mut samples: impl Iterator<Item = (usize, usize)>) {
+        let [red, green, blue] = light;
+        let mut together = Vec::with_capacity(TOGETHER);
+        while self.next_of(&mut samples, &mut together, |(_, at)| *at) {
+            for &(to, at) in &together {
+                if let Some(kept) = self.kept(at) {
+                    let own = WorthyLight { light: Vec3::new(red[to], green[to], blue[to]), worth: 1.0 };
+                    [red[to], green[to], blue[to]] = kept.with(own, f32::MAX).light.to_array();
+                }
+            }
+        }
     }
 
-    /// Adds the `light` of sample `at`, where that is new, worth one sample, and gives it mixed with what was kept.
-    pub(super) fn mix(&mut self, at: usize, light: Vec3) -> Option<Vec3> {
-        let key = self.keys[at];
-        if key & IS_NEW == 0 {
-            return None;
+    /// Adds the light of samples that are new, worth one sample each, from their places in `light`.
+    pub(super) fn add_new(&mut self, light: [&[f32]; 3], mut samples: impl Iterator<Item = usize>) {
+        let [red, green, blue] = light;
+        let mut together = Vec::with_capacity(TOGETHER);
+        while self.next_of(&mut samples, &mut together, |at| *at) {
+            for &at in &together {
+                let key = self.keys[at];
+                self.keys[at] = key & !IS_NEW;
+                if key & IS_NEW != 0 {
+                    let light = Vec3::new(red[at], green[at], blue[at]);
+                    self.add(key & !IS_NEW, WorthyLight { light, worth: 1.0 });
+                }
+            }
         }
-        self.keys[at] = key & !IS_NEW;
-        let own = WorthyLight { light, worth: 1.0 };
-        self.add(key & !IS_NEW, own).map(|kept| kept.with(own, f32::MAX).light)
+    }
+
+    /// The next samples together, `at` the places of which their keys stand; false where there are none.
+    fn next_of<S>(
+        &self,
+        left: &mut impl Iterator<Item = S>,
+        together: &mut Vec<S>,
+        at: impl Fn(&S) -> usize,
+    ) -> bool {
+        together.clear();
+        together.extend(left.take(TOGETHER));
+        // Loads that wait for memory together, not one after the other.
+        let first_cell = |sample| &self.cells[self.keys[at(sample)] as usize & (self.cells.len() - WAYS)];
+        std::hint::black_box(together.iter().fold(0, |all, sample| all ^ first_cell(sample).tag));
+        !together.is_empty()
+    }
+
+    /// What is kept of the light of sample `at`, where that is new.
+    fn kept(&self, at: usize) -> Option<WorthyLight> {
+        let key = self.keys[at];
+        let first = key as usize & (self.cells.len() - WAYS);
+        let tag = (key >> 32) as u32 & !((IS_NEW >> 32) as u32);
+        let cell = self.cells[first..first + WAYS].iter().find(|cell| cell.tag == tag);
+        cell.filter(|_| key & IS_NEW != 0).map(LightCell::worthy_light)
     }
 
     /// Adds the `light` of exact samples in place of sample `at`.
@@ -93,8 +136,8 @@ impl LightCache {
         }
     }
 
-    /// Adds light, and gives what was kept there.
-    fn add(&mut self, key: u64, own: WorthyLight) -> Option<WorthyLight> {
+    /// Adds light to what is kept there.
+    fn add(&mut self, key: u64, own: WorthyLight) {
         let first = key as usize & (self.cells.len() - WAYS);
         let tag = (key >> 32) as u32;
         let bucket = &mut self.cells[first..first + WAYS];
@@ -109,7 +152,6 @@ impl LightCache {
             worth: (after.worth.min(WORTH_MOST) * WORTH_PARTS) as u16,
         };
         self.is_empty = false;
-        kept
     }
 }
 
@@ -135,27 +177,30 @@ mod tests {
         })
     }
 
-    /// What a sample is mixed with: nothing, then the mean of those before, in which light of long ago ends.
+    /// Adds the light of sample `at`, of `key`, and gives what was kept before.
+    fn add(cache: &mut LightCache, at: usize, key: LightKey, light: f32) -> Option<f32> {
+        cache.set_key(at, key);
+        let kept = cache.kept(at);
+        cache.add_new([&[light; 2]; 3], std::iter::once(at));
+        assert!(cache.kept(at).is_none(), "it is not new any more");
+        kept.map(|kept| kept.light.x)
+    }
+
+    /// What is kept: nothing, then the mean of the samples before, in which light of long ago ends.
     #[test]
-    fn a_sample_is_mixed_with_those_before_it_once() {
+    fn the_mean_of_the_samples_before_is_kept() {
         let mut cache = LightCache::new(1);
-        let mut mixed = |light: f32| {
-            cache.set_key(0, key(0));
-            let mixed = cache.mix(0, Vec3::splat(light));
-            assert_eq!(cache.mix(0, Vec3::splat(light)), None);
-            mixed.map(|light| light.x)
-        };
+        let mut kept = |light: f32| add(&mut cache, 0, key(0), light);
         let is_near =
             |found: Option<f32>, light: f32| found.is_some_and(|found| (found - light).abs() < 1e-2);
-        assert_eq!(mixed(1.0), None);
-        assert!(is_near(mixed(4.0), 2.5) && is_near(mixed(7.0), 4.0));
-        let after: Vec<_> = (0..200).map(|_| mixed(9.0).unwrap()).collect();
+        assert_eq!(kept(1.0), None);
+        assert!(is_near(kept(4.0), 1.0) && is_near(kept(7.0), 2.5) && is_near(kept(8.0), 4.0));
+        let after: Vec<_> = (0..200).map(|_| kept(9.0).unwrap()).collect();
         assert!(after.is_sorted() && after[50] > 8.5 && after[199] > 8.95, "{after:?}");
         cache.forget();
-        cache.set_key(0, key(0));
-        assert_eq!(cache.mix(0, Vec3::ONE), None);
+        assert_eq!(add(&mut cache, 0, key(0), 1.0), None);
         cache.set_key(0, LightKey::NONE);
-        assert_eq!(cache.mix(0, Vec3::ONE), None);
+        assert!(cache.kept(0).is_none());
     }
 
     /// The light of one key is never that of another, however many there are; what is worth most stays.
@@ -166,13 +211,11 @@ mod tests {
         cache.set_key(0, key(0));
         cache.add_exact(0, WorthyLight { light: light(0), worth: 8.0 });
         for index in 1..1000 {
-            cache.set_key(1, key(index));
-            assert_eq!(cache.mix(1, light(index)), None, "{index}");
+            assert_eq!(add(&mut cache, 1, key(index), light(index).x), None, "{index}");
         }
         let found = (0..1000u32).filter(|&index| {
-            cache.set_key(1, key(index));
-            let found = cache.mix(1, light(index));
-            assert!(found.is_none_or(|found| (found - light(index)).abs().max_element() < 0.1), "{index}");
+            let found = add(&mut cache, 1, key(index), light(index).x);
+            assert!(found.is_none_or(|found| (found - light(index).x).abs() < 0.1), "{index}");
             found.is_some()
         });
         // Those that are asked for take the places of others on the way.

@@ -6,8 +6,6 @@ use super::{Coarse, KEPT_STEP, SampleGrid, planes, planes_mut, sample_count};
 use crate::film::LayerPixel;
 use glam::Vec3;
 
-/// Samples whose cells are brought from memory together.
-const TOGETHER: usize = 64;
 /// Pixels that a sample of the finest grid stands for.
 const PIXELS_OF_SAMPLE: f32 = (KEPT_STEP * KEPT_STEP) as f32;
 
@@ -36,28 +34,26 @@ impl Coarse {
         }
     }
 
-    /// Mixes the light of those samples at every `step`-th pixel that are new with what is kept of it in the world, and
-    /// adds it to that; does nothing without room for it.
-    pub(crate) fn recall(&mut self, step: u32) {
+    /// Mixes the light of those samples of the finest grid that are new, in tiles that are told, with what is kept of
+    /// it in the world, and adds it to that; does nothing without room for it.
+    pub(crate) fn recall(&mut self, is_told: &dyn Fn(u32) -> bool) {
+        self.make_room();
+        let Coarse { resolution, surfaces, light, work, cache, .. } = self;
+        let Some(cache) = cache else { return };
+        let picked = SampleGrid::new(surfaces, *resolution, KEPT_STEP);
+        let told = |y: usize| picked.tiles_of_row(y).filter(|(index, _)| is_told(*index)).map(|(_, xs)| xs);
+        let places = (0..picked.size[1]).flat_map(|y| told(y).flatten().map(move |x| y * picked.pitch + x));
+        let own = &mut work[..light.len()];
+        own.copy_from_slice(light);
+        cache.mix(planes_mut(light), places.clone().map(|at| (at, at)));
+        cache.add_new(planes(own), places);
+    }
+
+    /// Adds the light of the samples at every `step`-th pixel that are new to what is kept.
+    pub(super) fn keep_new(&mut self, step: u32) {
         let Coarse { resolution, surfaces, light, cache, .. } = self;
         let Some(cache) = cache else { return };
-        let [red, green, blue] = planes_mut(light);
-        let mut places = SampleGrid::new(surfaces, *resolution, step).places();
-        let mut together = Vec::with_capacity(TOGETHER);
-        loop {
-            together.clear();
-            together.extend(places.by_ref().take(TOGETHER));
-            if together.is_empty() {
-                break;
-            }
-            // Loads that wait for memory together, not one after the other.
-            std::hint::black_box(together.iter().fold(0, |all, &at| all ^ cache.first_tag(at)));
-            for &at in &together {
-                if let Some(mixed) = cache.mix(at, Vec3::new(red[at], green[at], blue[at])) {
-                    [red[at], green[at], blue[at]] = mixed.to_array();
-                }
-            }
-        }
+        cache.add_new(planes(light), SampleGrid::new(surfaces, *resolution, step).places());
     }
 
     /// Adds the light of the samples that exact ones have taken the place of to that kept in the world; `samples` tells

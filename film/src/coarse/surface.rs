@@ -62,8 +62,12 @@ pub(super) struct SurfaceRow {
     pub(super) is_voxel: Vec<bool>,
 }
 
-/// Rows that were read last, by number: row y at the place y % rows. Each is read once while rows go by.
-pub(super) struct SurfaceRows(Vec<(usize, SurfaceRow)>);
+/// Rows that were read last, `stride` apart: by number, row y at the place y / stride % 3. Each is read once while such
+/// rows go by.
+pub(super) struct SurfaceRows {
+    stride: usize,
+    rows: [(usize, SurfaceRow); 3],
+}
 
 impl SurfaceRow {
     /// Reads every `stride`-th sample of a row.
@@ -71,7 +75,7 @@ impl SurfaceRow {
         let count = row.len().div_ceil(stride);
         self.planes().for_each(|plane| plane.resize(count, 0.0));
         self.is_voxel.clear();
-        self.is_voxel.extend(row.iter().step_by(stride).map(|seen| seen.depth & VOXEL_BIT != 0));
+        self.is_voxel.extend(row.iter().step_by(stride).map(|seen| seen.is_voxel()));
         let [nx, ny, nz] = self.normal.each_mut().map(|plane| &mut plane[..count]);
         let [red, green, blue] = self.albedo.each_mut().map(|plane| &mut plane[..count]);
         let depth = &mut self.depth[..count];
@@ -88,15 +92,19 @@ impl SurfaceRow {
 }
 
 impl SurfaceRows {
-    /// Rows around those that are looked at one after the other, up to `reach` away.
-    pub(super) fn new(reach: usize) -> SurfaceRows {
-        SurfaceRows((0..2 * reach + 1).map(|_| (usize::MAX, SurfaceRow::default())).collect())
+    /// Rows that are looked at one after the other, `stride` apart, with one before and one after each.
+    pub(super) fn new(stride: usize) -> SurfaceRows {
+        SurfaceRows { stride, rows: std::array::from_fn(|_| (usize::MAX, SurfaceRow::default())) }
+    }
+
+    fn place(&self, y: usize) -> usize {
+        y / self.stride % self.rows.len()
     }
 
     /// Reads row `y`, every `stride`-th of `row`, unless it stands there: true when it did not.
     pub(super) fn see(&mut self, y: usize, row: &[Surface], stride: usize) -> bool {
-        let count = self.0.len();
-        let (of, place) = &mut self.0[y % count];
+        let place = self.place(y);
+        let (of, place) = &mut self.rows[place];
         let is_new = std::mem::replace(of, y) != y;
         if is_new {
             place.read(row, stride);
@@ -106,15 +114,15 @@ impl SurfaceRows {
 
     /// The samples `at` of row `y`, one of those seen last, saw nothing where they saw voxels.
     pub(super) fn hide_voxels(&mut self, y: usize, at: Range<usize>) {
-        let count = self.0.len();
-        let row = &mut self.0[y % count].1;
+        let place = self.place(y);
+        let row = &mut self.rows[place].1;
         let voxels = row.depth[at.clone()].iter_mut().zip(&row.is_voxel[at]).filter(|(_, is)| **is);
         voxels.for_each(|(depth, _)| *depth = f32::INFINITY);
     }
 
     /// Row `y`, one of those seen last.
     pub(super) fn row(&self, y: usize) -> &SurfaceRow {
-        &self.0[y % self.0.len()].1
+        &self.rows[self.place(y)].1
     }
 }
 
@@ -134,6 +142,11 @@ impl Surface {
         f32::from_bits(u32::from(self.depth & !VOXEL_BIT) << DEPTH_SHIFT)
     }
 
+    /// True when it is one of voxels.
+    pub(super) fn is_voxel(&self) -> bool {
+        self.depth & VOXEL_BIT != 0
+    }
+
     /// True when both are of one surface and of one form of it, mesh or voxels, or both saw nothing.
     pub(super) fn is_same(&self, other: &Surface) -> bool {
         self.is_same_at(self.depth(), other)
@@ -147,7 +160,7 @@ impl Surface {
         }
         let dot: f32 = (0..3).map(|c| f32::from(self.normal[c]) * f32::from(other.normal[c])).sum();
         let apart = (0..3).map(|c| self.albedo[c].abs_diff(other.albedo[c])).max();
-        (self.depth ^ other.depth) & VOXEL_BIT == 0
+        self.is_voxel() == other.is_voxel()
             && (here - there).abs() < DEPTH_SHARE * here.min(there)
             && dot > NORMAL_COS * NORMAL_PARTS * NORMAL_PARTS
             && apart.is_none_or(|apart| f32::from(apart) < ALBEDO_APART * ALBEDO_PARTS)

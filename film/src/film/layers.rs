@@ -79,7 +79,7 @@ impl LayerPixel {
     };
 
     /// True where voxels are seen: a surface of no triangle.
-    pub(crate) fn is_voxel(&self) -> bool {
+    pub fn is_voxel(&self) -> bool {
         self.id == NO_ID && self.depth < f32::INFINITY
     }
 }

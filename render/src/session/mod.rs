@@ -32,7 +32,6 @@ mod resettle;
 mod shares;
 mod tile_run;
 
-pub use brightness::Brightness;
 pub use event::Event;
 pub use fetch_block::{BLOCK_TILES_MIN, FetchBlock};
 pub use frame_report::{FrameProgress, FrameReport};

@@ -16,6 +16,7 @@ pub(super) const HOUSES: [House; 5] = [
             "tile",
             "portion",
             "film",
+            "brightness",
             "filter",
             "coarse",
             "part",
