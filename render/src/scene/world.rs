@@ -200,6 +200,13 @@ impl World {
         let leaf_side = model.voxels.as_ref().map(|voxels| voxels.scene(Occluders::On).leaf_side());
         leaf_side.map_or(f64::INFINITY, |side| side / (lod_error * projection.pixel_angle()))
     }
+
+    /// Distance from the camera, model units, up to which voxels that are seen stand in for mesh that is missing, and
+    /// cover more than `pixels` each; 0 without voxels.
+    pub(crate) fn stand_ins_to(&self, model: &Model, pixels: u32) -> f32 {
+        let end = World::lod_distance(model, &self.projection, f64::from(pixels)).min(self.lod_distance);
+        if model.voxels.is_some() { end as f32 } else { 0.0 }
+    }
 }
 
 /// What is shown of these emitters: lamps that are cut away or hidden give no light.

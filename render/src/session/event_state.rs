@@ -2,6 +2,8 @@
 //!
 //! ```text
 //! event -> rungs of the ladder -> tiles in order -> tiles finish -> the first block is done -> progress: Done
+//!                      ^                      |
+//!                      +-- the finest rung, where voxels stood in for the mesh --+
 //! ```
 //!
 //! Invariants: 1. an event begins another of these: nothing of it outlives the next event; 2. the first block is noted
@@ -9,8 +11,9 @@
 
 use super::fetch_block::Nth;
 use super::frame_report::FrameProgress;
-use super::ladder::Ladder;
-use std::time::Instant;
+use super::ladder::{Ladder, Turn};
+use crate::schedule::PreviewStats;
+use std::time::{Duration, Instant};
 
 /// The state of a picture since the event that it follows.
 #[derive(Clone, Copy, Debug)]
@@ -29,9 +32,26 @@ pub(super) struct EventState {
     is_ordered: bool,
     /// Tiles done when the picture on show was made anew.
     refreshed: u64,
+    /// What the preview saw.
+    pub(super) preview: PreviewStats,
+    /// A frame has taken tiles.
+    has_waited: bool,
+    /// How far the picture on show is made anew; `None` while it is not time for that.
+    pub(super) renewal: Option<Renewal>,
     progress: FrameProgress,
 }
 
+/// How far the picture on show is made anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Renewal {
+    /// Stand-ins are looked at again, from this part of the grid on: pages have come since.
+    Look(u32),
+    /// All that was looked at is to be shown.
+    Show,
+}
+
+/// Part of the samples of a rough picture that have to see stand-ins, or its finest grid follows at once.
+const STAND_INS_PART: u64 = 4;
 /// Part of the first pass after which the picture on show is made anew; then it is each time that samples have doubled.
 const REFRESH_PART: u64 = 4;
 /// Passes after which it no longer is: by then the samples count for more.
@@ -48,6 +68,9 @@ impl EventState {
             first_block: None,
             is_ordered: false,
             refreshed: 0,
+            preview: PreviewStats::default(),
+            has_waited: false,
+            renewal: None,
             progress: FrameProgress::Preview,
         }
     }
@@ -82,15 +105,26 @@ impl EventState {
         !std::mem::replace(&mut self.is_ordered, true)
     }
 
-    /// Notes that the picture on show is made anew, if it is time for that: the picture has so many `tiles`.
-    pub(super) fn note_refresh(&mut self, tiles: u32) -> bool {
+    /// Begins to make the picture on show anew, if it is time for that: the picture has so many `tiles`.
+    pub(super) fn begin_renewal(&mut self, tiles: u32) {
         let tiles = u64::from(tiles);
         let next = (2 * self.refreshed).max(tiles.div_ceil(REFRESH_PART));
         let is_time = self.finished >= next && self.refreshed < REFRESH_PASSES * tiles;
         if is_time {
-            self.refreshed = self.finished;
+            (self.refreshed, self.renewal) = (self.finished, Some(Renewal::Look(0)));
         }
-        is_time
+    }
+
+    /// True while pages of what a rough picture shows are on their way, for one frame of tiles: until then a finer grid
+    /// would show the same voxels.
+    fn awaits_mesh(&self) -> bool {
+        let sees_voxels = STAND_INS_PART * self.preview.stand_ins > self.preview.samples;
+        sees_voxels && !self.has_waited && !self.ladder.is_moving() && self.ladder.is_rough()
+    }
+
+    /// Step of the rung of the preview that comes next in a frame of `t_max`.
+    pub(super) fn next_rung(&self, t_max: Duration) -> Option<u32> {
+        self.ladder.next(Turn::First, t_max).filter(|_| !self.awaits_mesh() && !self.is_complete())
     }
 
     /// Notes that so many more tiles are done.
@@ -103,9 +137,9 @@ impl EventState {
         self.first_block.get_or_insert(tiles);
     }
 
-    /// Notes the state of the picture at the end of a frame.
+    /// Notes the state of the picture at the end of a frame of tiles.
     pub(super) fn note_progress(&mut self, progress: FrameProgress) {
-        self.progress = progress;
+        (self.progress, self.has_waited) = (progress, true);
     }
 }
 
@@ -120,10 +154,36 @@ mod tests {
         let mut times = vec![];
         for finished in 1..=160 * 40 {
             event.note_tiles(1);
-            if event.note_refresh(160) {
+            event.begin_renewal(160);
+            if event.renewal.take().is_some() {
                 times.push(finished);
             }
         }
         assert_eq!(times, [40, 80, 160, 320, 640, 1280, 2560]);
+    }
+
+    /// A rough picture of stand-ins has its finest rung after a frame of tiles, any other at once; a hand that moves
+    /// waits for nothing.
+    #[test]
+    fn the_finest_rung_waits_a_frame_for_mesh_that_is_missing() {
+        let ms = Duration::from_millis;
+        let rung_after = |stand_ins: u64, is_moving: bool| {
+            let mut event = EventState::new(Instant::now(), 0, Ladder::new(is_moving));
+            for step in [8, 4] {
+                assert_eq!(event.next_rung(ms(100)), Some(step));
+                event.ladder.learn(None, ms(1));
+                let (samples, stand_ins) = (50, stand_ins / 2);
+                event.preview.add(&PreviewStats { samples, stand_ins, ..PreviewStats::default() });
+            }
+            event
+        };
+        assert_eq!(rung_after(24, false).next_rung(ms(100)), Some(2));
+        assert_eq!(rung_after(26, true).next_rung(ms(100)), Some(2));
+        let mut event = rung_after(26, false);
+        assert_eq!(event.next_rung(ms(100)), None);
+        event.note_progress(FrameProgress::Part);
+        assert_eq!(event.next_rung(ms(100)), Some(2));
+        event.note_progress(FrameProgress::Complete);
+        assert_eq!(event.next_rung(ms(100)), None, "there are exact samples everywhere");
     }
 }

@@ -10,8 +10,10 @@
 //! doubled.
 
 use super::Session;
+use super::carried_light::CarriedLight;
+use super::event_state::Renewal;
 use super::frame_report::{FrameProgress, FrameReport};
-use super::ladder::{ROUGH_STEP, Turn};
+use super::ladder::{ROUGH_STEP, Turn, WHOLE_STEP};
 use super::light::Arrival;
 use super::live::{Live, LiveSession};
 use super::tile_run::TileFrame;
@@ -20,7 +22,7 @@ use crate::schedule::{Grid, PreviewStats, SampleWork, Workers};
 use crate::stats::PassStats;
 use crate::trace::PagedTracer;
 use std::time::Instant;
-use trex_film::{Reprojection, smooth};
+use trex_film::{Display, GridPart, Reprojection, smooth};
 
 /// Quarters of a frame after which its samples of a preview end: a picture is still to be made of them.
 const SAMPLES_PART: u32 = 3;
@@ -46,13 +48,18 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let begin = Instant::now();
         let mut other = OtherRays::default();
         let t_max = self.live.options.t_max;
-        if let Some(step) = self.live.event.ladder.next(Turn::First, t_max) {
+        if let Some(step) = self.live.event.next_rung(t_max) {
             let (preview, progress) = self.show_preview(step, begin + t_max / 4 * SAMPLES_PART, stop);
             other.preview = preview;
             return self.report(progress, PassStats::default(), other);
         }
         self.fill_preview();
-        self.refresh_display();
+        if let Some(preview) = self.refresh_display(begin + t_max / 4 * SAMPLES_PART, stop) {
+            other.preview = preview;
+            let has_responded = self.live.event.first_block().is_some();
+            let progress = if has_responded { FrameProgress::Block } else { FrameProgress::Part };
+            return self.report(progress, PassStats::default(), other);
+        }
         let has_responded = self.live.event.first_block().is_some();
         // The response comes first, unless there is no light at all.
         if has_responded || self.light.precedes_response() {
@@ -93,37 +100,46 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         deadline: Instant,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (PreviewStats, FrameProgress) {
-        let Session { world, model, light, film, tracers, pool, g_stage, .. } = &mut self.session;
-        let Live { display, event, options, carried, .. } = &mut self.live;
-        let ladder = &mut event.ladder;
-        let ctx = RenderContext::new(world, model, light.irradiance()).for_preview(carried.pictures());
-        let work = SampleWork::new(ctx, &**g_stage);
+        let LiveSession { session, live: Live { display, event, options, carried, .. } } = self;
+        // Tiles of other light than now are taken anew.
+        let is_beside = event.finished() > 0 && session.film.state() == event.film_state;
+        let part = if is_beside { GridPart::NewBesideExact } else { GridPart::New };
         let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
-            let (grid, waits) = (Grid { resolution: film.resolution(), step }, ladder.is_empty());
+            let waits = event.ladder.is_empty();
             // A frame goes on by a part at least.
             let stop = |begun| stop() || !waits && begun > 0 && Instant::now() > deadline;
-            let workers = Workers { tracers, pool };
-            let (stats, next_part) = grid.take(ladder.parts(), &work, display, workers, &stop);
+            let parts = event.ladder.parts();
+            let (stats, next_part) = take_grid(session, (display, carried), (step, part), (parts, &stop));
             total.add(&stats);
-            ladder.learn(next_part, begin.elapsed());
+            event.preview.add(&stats);
+            event.ladder.learn(next_part, begin.elapsed());
             if next_part.is_some() {
                 break;
             }
             taken = rung;
-            rung = ladder.next(Turn::Later, options.t_max);
+            rung = event.ladder.next(Turn::Later, options.t_max);
         }
         if let Some(step) = taken {
-            let is_sparse = ladder.is_moving() && !options.fills_while_moving;
+            let is_sparse = event.ladder.is_moving() && !options.fills_while_moving;
+            let Session { world, film, pool, .. } = session;
             let change = carried.change(&world.projection);
             let change = change.as_ref().map(|change| change as &dyn Reprojection);
-            display.show((film.state(), step), is_sparse, change, pool);
+            if is_beside {
+                display.show_beside(film, change, pool);
+            } else {
+                display.show((film.state(), step), is_sparse, change, pool);
+            }
         }
-        let progress = if taken.is_some() { FrameProgress::Preview } else { FrameProgress::PreviewPart };
+        let progress = match taken {
+            _ if event.first_block().is_some() => FrameProgress::Block,
+            Some(_) => FrameProgress::Preview,
+            None => FrameProgress::PreviewPart,
+        };
         // Where there is no time for a rough picture there is none for pages.
         let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
-        let is_last = ladder.is_moving() && is_rough || ladder.next(Turn::First, options.t_max).is_none();
+        let is_last = event.ladder.is_moving() && is_rough || event.next_rung(options.t_max).is_none();
         if self.look_where_it_moves() || is_last {
             for tracer in &mut self.session.tracers {
                 tracer.request_missing();
@@ -147,14 +163,35 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         rays
     }
 
-    /// Makes the picture on show anew with the light of the samples, where it is time for that.
-    fn refresh_display(&mut self) {
-        let Session { film, tiles, pool, view, .. } = &self.session;
-        let Live { display, event, .. } = &mut self.live;
-        let is_alike = view.settings.integrator.has_own_preview();
-        if is_alike && event.note_refresh(tiles.count()) {
-            display.refresh(film, pool);
+    /// Makes the picture on show anew with the light of the samples, where it is time for that, and looks again before
+    /// that where voxels stood in. Gives the counts of its rays where that took the frame.
+    fn refresh_display(
+        &mut self,
+        deadline: Instant,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<PreviewStats> {
+        let LiveSession { session, live: Live { display, event, carried, .. } } = self;
+        if session.view.settings.integrator.has_own_preview() {
+            event.begin_renewal(session.tiles.count());
         }
+        let shown = (session.film.state(), WHOLE_STEP);
+        let has_stand_ins = !event.is_complete() && display.state().zip(display.step()) == Some(shown);
+        if let Renewal::Look(first) = event.renewal?
+            && has_stand_ins
+        {
+            let stop = |begun| stop() || begun > 0 && Instant::now() > deadline;
+            let grid = (WHOLE_STEP, GridPart::StandIns);
+            let (stats, next) = take_grid(session, (display, carried), grid, (first, &stop));
+            // Where voxels are seen still it is left at that.
+            let next = next.filter(|_| 4 * stats.stand_ins <= 3 * stats.samples);
+            event.renewal = Some(next.map_or(Renewal::Show, Renewal::Look));
+            if next.is_some() || stats.samples > 0 {
+                return Some(stats);
+            }
+        }
+        event.renewal = None;
+        display.refresh(&session.film, &session.pool);
+        None
     }
 
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
@@ -204,4 +241,18 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             photon_rays: other.photon,
         }
     }
+}
+
+/// Takes samples of a grid for the display, from part `first` on, as [`Grid::take`] says.
+fn take_grid<T: PagedTracer + Send>(
+    session: &mut Session<T>,
+    (display, carried): (&mut Display, &CarriedLight),
+    (step, part): (u32, GridPart),
+    (first, stop): (u32, &(dyn Fn(u32) -> bool + Sync)),
+) -> (PreviewStats, Option<u32>) {
+    let Session { world, model, light, film, tracers, pool, g_stage, .. } = session;
+    let ctx = RenderContext::new(world, model, light.irradiance()).for_preview(carried.pictures());
+    let (resolution, stand_ins_to) = (film.resolution(), world.stand_ins_to(model, ROUGH_STEP));
+    let grid = Grid { resolution, step, part, stand_ins_to };
+    grid.take(first, &SampleWork::new(ctx, &**g_stage), display, Workers { tracers, pool }, stop)
 }

@@ -15,6 +15,8 @@ use trex_film::STEPS;
 
 /// Pixels from sample to sample at which a picture is first shown.
 pub(super) const ROUGH_STEP: u32 = 4;
+/// Pixels from sample to sample at which it is whole.
+pub(super) const WHOLE_STEP: u32 = STEPS[STEPS.len() - 1];
 /// Part of `t_max` that the rungs may take while the hand moves: a picture gets no more than its first frame.
 const MOVING_PART: u32 = 2;
 /// The same while it rests: a rough picture at once is more than a better one later, which comes in any case.
@@ -72,6 +74,11 @@ impl Ladder {
     /// True before the first rung has been taken.
     pub(super) fn is_empty(&self) -> bool {
         self.taken == 0
+    }
+
+    /// True when the finest rung comes next.
+    pub(super) fn is_rough(&self) -> bool {
+        STEPS.get(self.taken) == Some(&WHOLE_STEP)
     }
 
     /// Learns that the next rung has been taken up to so many `parts`, `None` to its end, in `time` since it was asked

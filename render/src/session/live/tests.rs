@@ -5,7 +5,7 @@ mod carried;
 use super::*;
 use crate::scene::method::{Method, Shadows};
 use crate::scene::settings::RenderKeys;
-use crate::session::tests::{floor, floor_demanding, roofed_floor, sun};
+use crate::session::tests::{DemandMesh, floor, floor_demanding, roofed_floor, sun};
 use crate::session::{FetchBlock, FrameProgress};
 use crate::shading::light::Light;
 use crate::trace::Answer;
@@ -50,44 +50,94 @@ fn the_preview_is_mixed_in_while_samples_are_few() {
     assert!(worths[0] == 1.5 && worths.len() > 1 && worths.iter().all(|worth| *worth > 0.0), "{worths:?}");
 }
 
-/// The preview saw voxels alone, or mesh: the same floor. Voxels count for nothing in any pixel that has an exact
-/// sample, until the picture is made anew of these.
-#[test]
-fn no_stand_in_shines_through_exact_samples() {
+/// Frames of three tiles each, of a floor with a lamp over it.
+fn floor_of_three_tiles_a_frame(t_max: Duration) -> LiveSession<DemandMesh> {
     let keys = RenderKeys { resolution: [32, 16], n_shadow: 1, ..RenderKeys::default() };
-    let options = FrameOptions {
-        t_max: Duration::from_secs(60),
-        fetch_block: FetchBlock::Tiles(3),
-        order: TileOrder::ZCurve,
-        ..FrameOptions::default()
-    };
+    let (fetch_block, order) = (FetchBlock::Tiles(3), TileOrder::ZCurve);
+    let options = FrameOptions { t_max, fetch_block, order, ..FrameOptions::default() };
+    let mut live = floor_demanding(0, keys).go_live(options).unwrap();
     let (edge_u, edge_v) = ([0.0, 2.0, 0.0], [2.0, 0.0, 0.0]);
     let lamp = Light::Rect { corner: [1.0, -1.0, 1.0], edge_u, edge_v, radiance: [3.0; 3] };
+    live.apply(Event::Lights(vec![lamp])).unwrap();
+    live
+}
+
+/// The pixels of a picture of 32 x 16 and their tiles.
+fn pixels_of_tiles() -> impl Iterator<Item = ([u32; 2], u32)> {
+    (0..512).map(|at| [at % 32, at / 32]).map(|pixel| (pixel, pixel[1] / 8 * 4 + pixel[0] / 8))
+}
+
+/// True where voxels are on show beside no exact sample, at pixels of the grid.
+fn shows_voxels(live: &LiveSession<DemandMesh>) -> bool {
+    let is_sample = |pixel: [u32; 2]| pixel.iter().all(|v| v % 2 == 0);
+    pixels_of_tiles().any(|(pixel, tile)| {
+        is_sample(pixel)
+            && live.film.tile_samples(tile) == 0
+            && live.live.display.has_voxels_before(f32::INFINITY, pixel)
+    })
+}
+
+/// The preview saw voxels alone, or mesh: the same floor. Voxels count for nothing in any pixel that has an exact
+/// sample, until they are looked at again.
+#[test]
+fn no_stand_in_shines_through_exact_samples() {
     for is_absent in [true, false] {
-        let mut live = floor_demanding(0, keys).go_live(options).unwrap();
-        live.apply(Event::Lights(vec![lamp])).unwrap();
+        let mut live = floor_of_three_tiles_a_frame(Duration::from_millis(50));
         live.session.tracers[0].is_absent = is_absent;
         while live.live.display.step() != Some(2) {
             live.frame(3, &|| false);
         }
+        assert_eq!(shows_voxels(&live), is_absent);
         live.session.tracers[0].is_absent = false;
         let (mut previews, mut alone) = (0, 0);
         while live.frame(3, &|| false).progress != FrameProgress::Done {
-            for pixel in (0..512).map(|at| [at % 32, at / 32]) {
-                let tile = pixel[1] / 8 * 4 + pixel[0] / 8;
+            let looked_again = live.live.display.refreshes() > 0;
+            assert!(!looked_again || !shows_voxels(&live));
+            for (pixel, tile) in pixels_of_tiles() {
                 let worth = live.live.display.worth(tile, pixel);
                 let is_exact = live.film.tile_samples(tile) > 0;
                 let is_preview = is_exact && worth == 1.5;
-                assert!(!is_preview || !is_absent, "{pixel:?}");
+                assert!(!is_preview || !is_absent || looked_again, "{pixel:?}");
                 if is_exact && worth == 0.0 {
                     assert_eq!(live.shown(pixel), live.film.radiance(pixel), "{pixel:?}");
-                    alone += 1;
+                    alone += u32::from(!looked_again);
                 }
                 previews += u32::from(is_preview);
             }
         }
-        assert_eq!((previews == 0, alone >= 3 * 64), (is_absent, is_absent), "{previews} {alone}");
+        assert!(previews > 0 && (alone >= 3 * 64) == is_absent, "{previews} {alone}");
     }
+}
+
+/// Mesh that comes while a rough picture of voxels is on show: the first tiles come before the finest grid, which is
+/// then of mesh alone, beside them as they are; and the film ends as that of a picture at leisure.
+#[test]
+fn a_whole_picture_waits_for_mesh_on_its_way() {
+    let mut live = floor_of_three_tiles_a_frame(Duration::from_secs(60));
+    live.session.tracers[0].is_absent = true;
+    let rough = live.frame(2, &|| false);
+    assert_eq!(
+        (rough.progress, rough.sample_step, shows_voxels(&live)),
+        (FrameProgress::Preview, Some(4), true)
+    );
+    live.session.tracers[0].is_absent = false;
+    let block = live.frame(2, &|| false);
+    assert_eq!((block.progress, block.sample_step), (FrameProgress::Block, Some(4)));
+    let film = |live: &LiveSession<_>| {
+        pixels_of_tiles().map(|(pixel, _)| live.film.radiance(pixel)).collect::<Vec<_>>()
+    };
+    let exact = film(&live);
+    let whole = live.frame(2, &|| false);
+    assert_eq!(
+        (whole.progress, whole.sample_step, shows_voxels(&live)),
+        (FrameProgress::Block, Some(2), false)
+    );
+    assert!(film(&live) == exact && whole.preview_samples > 0 && whole.preview_tiles == 5);
+    while live.frame(2, &|| false).progress != FrameProgress::Done {}
+    let found = film(&live);
+    let mut session = live.into_session();
+    session.render(2, &|| false, &mut |_, _| ControlFlow::Continue(()));
+    assert!(pixels_of_tiles().zip(found).all(|((pixel, _), found)| session.film().radiance(pixel) == found));
 }
 
 /// A preview has the shadows of the mesh where that is resident, and those of voxels where it is not, or where these
