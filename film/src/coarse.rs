@@ -77,11 +77,11 @@ struct SampleGrid<'a> {
     /// Columns and rows of those picked.
     size: [usize; 2],
     /// Tells the tiles whose samples stay as they are; of the finest step alone.
-    is_fixed: Option<FixedTiles<'a>>,
+    is_fixed: Option<ToldTiles<'a>>,
 }
 
 /// Tells tiles, by index.
-type FixedTiles<'a> = &'a (dyn Fn(u32) -> bool + Sync);
+type ToldTiles<'a> = &'a (dyn Fn(u32) -> bool + Sync);
 
 /// Three planes of light, of the samples picked.
 type Planes<'a> = [&'a [f32]; 3];

@@ -277,7 +277,7 @@ impl Display {
         let is_exact = |index: u32| film.tile_samples(index) > 0;
         let is_new = |index: u32| !is_exact(index) && (all_is_new || standings[index as usize].has_new);
         let corners = |index: u32| Some(standings[index as usize].corners).filter(|_| is_exact(index));
-        coarse.recall(&is_new);
+        coarse.recall(&is_new, pool);
         coarse.take_light(film, &corners, pool);
         coarse.keep_exact(&|index| film.tile_samples(index));
         coarse.smooth_exact(&|index| !is_exact(index) && !is_new(index), pool);

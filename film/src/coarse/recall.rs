@@ -2,9 +2,11 @@
 
 use super::history::WorthyLight;
 use super::light_cache::LightCache;
-use super::{Coarse, KEPT_STEP, SampleGrid, planes, planes_mut, sample_count};
+use super::{Coarse, KEPT_STEP, SampleGrid, ToldTiles, planes, planes_mut, sample_count};
 use crate::film::LayerPixel;
 use glam::Vec3;
+use rayon::ThreadPool;
+use rayon::prelude::*;
 
 /// Pixels that a sample of the finest grid stands for.
 const PIXELS_OF_SAMPLE: f32 = (KEPT_STEP * KEPT_STEP) as f32;
@@ -36,16 +38,22 @@ impl Coarse {
 
     /// Mixes the light of those samples of the finest grid that are new, in tiles that are told, with what is kept of
     /// it in the world, and adds it to that; does nothing without room for it.
-    pub(crate) fn recall(&mut self, is_told: &dyn Fn(u32) -> bool) {
+    pub(crate) fn recall(&mut self, is_told: ToldTiles<'_>, pool: &ThreadPool) {
         self.make_room();
         let Coarse { resolution, surfaces, light, work, cache, .. } = self;
         let Some(cache) = cache else { return };
         let picked = SampleGrid::new(surfaces, *resolution, KEPT_STEP);
-        let told = |y: usize| picked.tiles_of_row(y).filter(|(index, _)| is_told(*index)).map(|(_, xs)| xs);
-        let places = (0..picked.size[1]).flat_map(|y| told(y).flatten().map(move |x| y * picked.pitch + x));
+        let told =
+            |y: usize| picked.tiles_of_row(y).filter(|(index, _)| is_told(*index)).flat_map(|(_, xs)| xs);
         let own = &mut work[..light.len()];
         own.copy_from_slice(light);
-        cache.mix(planes_mut(light), places.clone().map(|at| (at, at)));
+        let [red, green, blue] = planes_mut(light).map(|plane| plane.par_chunks_exact_mut(picked.pitch));
+        pool.install(|| {
+            red.zip(green).zip(blue).enumerate().for_each(|(y, ((red, green), blue))| {
+                cache.mix([red, green, blue], told(y).map(|x| (x, y * picked.pitch + x)));
+            });
+        });
+        let places = (0..picked.size[1]).flat_map(|y| told(y).map(move |x| y * picked.pitch + x));
         cache.add_new(planes(own), places);
     }
 

@@ -19,7 +19,7 @@
 
 use super::neighbours::{Contrast, Neighbours};
 use super::surface::SurfaceRows;
-use super::{Coarse, FixedTiles, KEPT_STEP, SampleGrid, planes, planes_mut, sample_count, work_count};
+use super::{Coarse, KEPT_STEP, SampleGrid, ToldTiles, planes, planes_mut, sample_count, work_count};
 use crate::packed::{LUMINANCE, luminance};
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -89,17 +89,17 @@ impl Coarse {
     /// Smooths the samples at every `step`-th pixel, mixed with light that is kept in the world.
     pub(crate) fn smooth(&mut self, step: u32, pool: &ThreadPool) {
         if step == KEPT_STEP {
-            self.recall(&|_| true);
+            self.recall(&|_| true, pool);
         }
         self.smooth_but(step, None, pool);
     }
 
     /// Smooths the samples of the finest step in all tiles but those that are told.
-    pub(crate) fn smooth_exact(&mut self, is_fixed: FixedTiles<'_>, pool: &ThreadPool) {
+    pub(crate) fn smooth_exact(&mut self, is_fixed: ToldTiles<'_>, pool: &ThreadPool) {
         self.smooth_but(KEPT_STEP, Some(is_fixed), pool);
     }
 
-    fn smooth_but(&mut self, step: u32, is_fixed: Option<FixedTiles<'_>>, pool: &ThreadPool) {
+    fn smooth_but(&mut self, step: u32, is_fixed: Option<ToldTiles<'_>>, pool: &ThreadPool) {
         self.make_room();
         let Coarse { resolution, surfaces, light, work, deviations, cache, .. } = self;
         let picked = SampleGrid { is_fixed, ..SampleGrid::new(surfaces, *resolution, step) };
