@@ -1,8 +1,8 @@
 //! The frames of a live session: see [`super::live`] for what they show, and when.
 //!
 //! ```text
-//! rungs of the preview
-//! picture on show made anew -> photons -> tiles -> block learned
+//! rungs of the preview; the finest after a frame of tiles, where voxels stand in for what is seen
+//! stand-ins looked at again -> picture on show made anew -> photons -> tiles -> block learned
 //! ```
 //!
 //! Invariant: nothing here waits past the deadline but for what is begun: the first rung of a preview, a batch of the
@@ -175,9 +175,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             event.begin_renewal(session.tiles.count());
         }
         let shown = (session.film.state(), WHOLE_STEP);
-        let has_stand_ins = !event.is_complete() && display.state().zip(display.step()) == Some(shown);
+        let may_look = !event.is_complete() && display.state().zip(display.step()) == Some(shown);
         if let Renewal::Look(first) = event.renewal?
-            && has_stand_ins
+            && may_look
         {
             let stop = |begun| stop() || begun > 0 && Instant::now() > deadline;
             let grid = (WHOLE_STEP, GridPart::StandIns);
