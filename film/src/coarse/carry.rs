@@ -23,7 +23,10 @@ impl Coarse {
 
     /// The light on show, of samples at every `step`-th pixel, is from now on that of the picture before.
     pub(crate) fn remember(&mut self, step: u32) {
-        self.keep_new(step);
+        // Those of a whole picture have been added; what is new there since is known by exact samples alone.
+        if step > KEPT_STEP {
+            self.keep_new(step);
+        }
         if let Some(history) = &mut self.history {
             history.exchange(step, &mut self.surfaces);
         }
