@@ -159,6 +159,6 @@ fn a_picture_with_everything_on_takes_64_bytes_a_pixel() {
         let cache = Display::cache_bytes(resolution) as f64 / pixels;
         assert!(cache <= 8.0, "{resolution:?}: {cache}");
         let plain = (film_bytes(resolution, Layers::default()) + Display::bytes(resolution)) as f64 / pixels;
-        assert!(plain <= 31.25, "{resolution:?}: {plain}");
+        assert!(plain <= 31.0, "{resolution:?}: {plain}");
     }
 }

@@ -15,11 +15,12 @@
 //! step 2      light of the samples <-> work, and back: they keep it smoothed
 //! ```
 //!
-//! Deviations are kept in a byte each, to a factor of the square root of 2: they say how much is noise, no more.
+//! Deviations are kept for blocks of 2x2 samples, in a byte to a factor of the square root of 2: they say how much is
+//! noise, no more.
 
 use super::neighbours::{Contrast, Neighbours};
 use super::surface::SurfaceRows;
-use super::{Coarse, KEPT_STEP, SampleGrid, ToldTiles, planes, planes_mut, sample_count, work_count};
+use super::{Coarse, KEPT_STEP, SampleGrid, ToldTiles, grid_size, planes, planes_mut, work_count};
 use crate::packed::{LUMINANCE, luminance};
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -36,6 +37,8 @@ const DEVIATION_STRIDES: [usize; 2] = [1, 2];
 /// Deviations of a sample by which the light of a neighbour differs that counts half, pass by pass: each leaves less of
 /// its noise.
 const APART: [f32; 5] = [4.0, 2.0, 1.0, 0.5, 0.25];
+/// Samples along a side of a block that has one deviation.
+const BLOCK_SIDE: usize = 2;
 /// Deviation of light that has no noise, as a share of it: of a slope.
 const DEVIATION_LEAST: f32 = 0.02;
 /// Most luminance that a deviation is told of.
@@ -61,6 +64,11 @@ static DEVIATIONS: [f32; 256] = {
     table
 };
 
+/// Blocks of samples that have a deviation together, of a grid of so many columns and rows.
+fn block_count(size: [usize; 2]) -> usize {
+    size.into_iter().map(|side| side.div_ceil(BLOCK_SIDE)).product()
+}
+
 /// The code of a deviation of this square: the exponent of that, to the nearest.
 fn code_of(variance: f32) -> u8 {
     ((variance.to_bits() + (1 << 22)) >> 23) as u8
@@ -69,7 +77,8 @@ fn code_of(variance: f32) -> u8 {
 impl Coarse {
     /// Bytes that are taken beside the samples from [`Coarse::smooth`] on, until [`Coarse::release_work`].
     pub(crate) fn work_bytes(resolution: [u32; 2]) -> u64 {
-        (work_count(resolution) * size_of::<f32>() + sample_count(resolution, KEPT_STEP)) as u64
+        let size = grid_size(resolution, KEPT_STEP).map(|side| side as usize);
+        (work_count(resolution) * size_of::<f32>() + block_count(size)) as u64
     }
 
     /// Lets the work go; [`Coarse::fill`] and [`Coarse::set_samples`] want it, after the next [`Coarse::smooth`].
@@ -82,7 +91,8 @@ impl Coarse {
         // Exactly so many are leased.
         if self.work.is_empty() {
             self.work = vec![0.0; work_count(self.resolution)];
-            self.deviations = vec![0; self.surfaces.len()];
+            let size = grid_size(self.resolution, KEPT_STEP).map(|side| side as usize);
+            self.deviations = vec![0; block_count(size)];
         }
     }
 
@@ -116,7 +126,7 @@ impl Coarse {
             }
             (copy, rest)
         };
-        let (mut to, deviations) = (&mut room[..3 * count], &mut deviations[..count]);
+        let (mut to, deviations) = (&mut room[..3 * count], &mut deviations[..block_count(picked.size)]);
         pool.install(|| {
             picked.find_deviations(from, to, deviations);
             for (stride, apart) in STRIDES.into_iter().zip(APART) {
@@ -131,8 +141,8 @@ impl Coarse {
 }
 
 impl SampleGrid<'_> {
-    /// Finds the codes of the standard deviation of the luminance of `light` around each sample, in the `room` of three
-    /// planes.
+    /// Finds the codes of the standard deviation of the luminance of `light` around the samples of each block, in the
+    /// `room` of three planes.
     fn find_deviations(&self, light: &[f32], room: &mut [f32], codes: &mut [u8]) {
         let [red, green, blue] = planes(light);
         let [first, second, free] = planes_mut(room);
@@ -150,11 +160,17 @@ impl SampleGrid<'_> {
         self.smooth(far, [free], second, None);
         self.smooth(far, [first], free, None);
         let (mean, mean_square) = (&*second, &*free);
-        codes
-            .par_iter_mut()
-            .zip((mean, mean_square))
-            .with_min_len(NUMBERS_LEAST)
-            .for_each(|(code, (mean, mean_square))| *code = code_of((mean_square - mean * mean).max(0.0)));
+        let [width, height] = self.size;
+        codes.par_chunks_exact_mut(width.div_ceil(BLOCK_SIDE)).enumerate().for_each(|(row, codes)| {
+            let rows = row * BLOCK_SIDE..height.min((row + 1) * BLOCK_SIDE);
+            for (column, code) in codes.iter_mut().enumerate() {
+                let columns = column * BLOCK_SIDE..width.min((column + 1) * BLOCK_SIDE);
+                let places = rows.clone().flat_map(|y| columns.clone().map(move |x| y * width + x));
+                let variances = places.map(|at| (mean_square[at] - mean[at] * mean[at]).max(0.0));
+                let count = (rows.len() * columns.len()) as f32;
+                *code = code_of(variances.sum::<f32>() / count);
+            }
+        });
     }
 
     /// Smooths `light` over neighbours `stride` apart, to `out`; guided by deviations of samples, at so many of which a
@@ -167,6 +183,7 @@ impl SampleGrid<'_> {
         guide: Option<(&[u8], f32)>,
     ) {
         let [width, height] = self.size;
+        let blocks = width.div_ceil(BLOCK_SIDE);
         let mut planes = out.chunks_exact_mut(self.count()).map(|plane| plane.chunks_exact_mut(width));
         let mut planes: [_; N] = std::array::from_fn(|_| planes.next().expect("room for all planes"));
         let mut row = |_| planes.each_mut().map(|rows| rows.next().expect("a plane has all rows"));
@@ -175,7 +192,8 @@ impl SampleGrid<'_> {
         rows.sort_unstable_by_key(|(y, _)| (y % stride, *y));
         let room = || RowRoom::new(stride, width);
         rows.into_par_iter().with_min_len(ROWS_LEAST).for_each_init(room, |room, (y, mut out)| {
-            let guide = guide.map(|(deviations, apart)| (&deviations[y * width..][..width], apart));
+            let guide =
+                guide.map(|(deviations, apart)| (&deviations[y / BLOCK_SIDE * blocks..][..blocks], apart));
             self.smooth_row(room, [y, stride], light, &mut out, guide);
             self.restore_fixed(y, light, out);
         });
@@ -282,8 +300,8 @@ impl Contrasts {
                 luminances.iter_mut().zip(plane).for_each(|(sum, light)| *sum += share * light);
             }
         }
-        for ((per_half, deviation), luminance) in per_half.iter_mut().zip(deviations).zip(&luminances[1]) {
-            let deviation = DEVIATIONS[usize::from(*deviation)];
+        for (x, (per_half, luminance)) in per_half.iter_mut().zip(&luminances[1]).enumerate() {
+            let deviation = DEVIATIONS[usize::from(deviations[x / BLOCK_SIDE])];
             *per_half = 1.0 / (apart * deviation + DEVIATION_LEAST * luminance + f32::MIN_POSITIVE);
         }
     }

@@ -71,7 +71,13 @@ fn naive(size: [usize; 2], seen: &[LayerPixel], mut light: Vec<[f64; 3]>) -> Vec
     for (stride, apart) in [(1, 4.0), (2, 2.0), (4, 1.0), (8, 0.5), (16, 0.25)] {
         let share = |here: usize, there: usize| {
             let (own, other) = (bright(&light[here]), bright(&light[there]));
-            let variance = (moments[here][1] - moments[here][0].powi(2)).max(1e-30);
+            let [x, y] = [here % size[0] / 2 * 2, here / size[0] / 2 * 2];
+            let block = [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]];
+            let block =
+                block.iter().filter(|[x, y]| *x < size[0] && *y < size[1]).map(|[x, y]| y * size[0] + x);
+            let count = block.clone().count() as f64;
+            let variances = block.map(|at| (moments[at][1] - moments[at][0].powi(2)).max(0.0));
+            let variance = (variances.sum::<f64>() / count).max(1e-30);
             // To the nearest power of 2.
             let floor = variance.log2().floor().exp2();
             let deviation = (if variance < 1.5 * floor { floor } else { 2.0 * floor }).sqrt();
