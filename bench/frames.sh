@@ -1,10 +1,20 @@
 #!/usr/bin/env bash
-# Frames with a deadline on 100 million triangles in 128 MiB: what docs/measurements.md shows of them, kept as records.
-# An hour and a half of a quiet machine that may make memory control groups (v1); models that are missing are built first.
+# Frames with a deadline on 100 million triangles: what docs/measurements.md shows of them, kept as records. Two hours of a quiet
+# machine that may make memory control groups (v1); models that are missing are built first.
 #
-#   bench/frames.sh WORK_FOLDER
+#   bench/frames.sh WORK_FOLDER [PART...]
+#
+#   jumps    how wrong pictures of 1280x720 are after a jump, in 256 MiB, with all in memory, and while a hand drags
+#   errors   the same at 512x512 in 128 MiB
+#   views    200 views that jump, by scenario
+#   memory   the same with all that a view needs in memory
+#   size     by the size of the model
+#   limit    by the limit
+#
+# Without a part: all of them.
 set -euo pipefail
-work=$(realpath "${1:?usage: bench/frames.sh WORK_FOLDER}")
+work=$(realpath "${1:?usage: bench/frames.sh WORK_FOLDER [PART...]}")
+shift
 cd "$(dirname "$0")/.."
 root=$PWD
 source bench/record.sh
@@ -19,67 +29,76 @@ built() {
     shift
     [ -e "$name" ] || "$trex" build "$@" -o "$name" --memory-limit 2GiB --render-limit 128MiB --progress none
 }
-for size in 1M 10M 100M; do
+build_kinds
+for size in 1M 10M; do
     built isosurface-${size,,}.trex gen:isosurface:$size
     built pipes-${size,,}.trex gen:pipes:$size
 done
-built scan-100m.trex gen:scan:100M
-if [ -d "$models" ]; then
-    built sponza.trex "$models/sponza/sponza.obj"
-    if [ ! -e kicad-grid.trex ]; then
-        cp "$models/cad/kicad_1m.mtl" .
-        awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
-        built kicad-grid.trex kicad-grid.obj
-        rm kicad-grid.obj
-    fi
-fi
+[ ! -d "$models" ] || built sponza.trex "$models/sponza/sponza.obj"
 
-views="--views pipes-100m-views.toml"
-for scenario in flip inside teleport light-edit; do
-    stress stress-isosurface-$scenario 128 isosurface-100m.trex --scenario $scenario --switches 200
-    stress stress-scan-$scenario 128 scan-100m.trex --scenario $scenario --switches 200
-    [ ! -e kicad-grid.trex ] ||
-        stress stress-kicad-grid-$scenario 128 kicad-grid.trex --scenario $scenario --switches 200
-    stress stress-pipes-$scenario 128 pipes-100m.trex --scenario $scenario $views --switches 200
-done
-stress stress-isosurface-flip-exact 128 isosurface-100m.trex --scenario flip --lod-error 0 --switches 200
-stress stress-isosurface-inside-exact 128 isosurface-100m.trex --scenario inside --lod-error 0 --switches 200
-stress stress-pipes-flip-exact 128 pipes-100m.trex --scenario flip $views --lod-error 0 --switches 200
-
-# All that a view needs in memory: what is left is rays.
-for model in isosurface-100m pipes-100m kicad-grid sponza; do
-    [ -e $model.trex ] || continue
-    marked=
-    [ $model != pipes-100m ] || marked=$views
-    stress memory-${model%-100m}-flip 4096 $model.trex --scenario flip $marked --switches 20
-done
-
-# By the size of the model, and by the limit.
-for size in 1m 10m 100m; do
-    stress size-isosurface-$size 128 isosurface-$size.trex --scenario inside --switches 40
-    stress size-pipes-$size 128 pipes-$size.trex --scenario inside --switches 20
-done
-for mib in 104 128 192 256 512; do
-    stress limit-isosurface-$mib $mib isosurface-100m.trex --scenario inside --switches 40
-    stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $views --switches 10
-done
-
-# How wrong pictures are while they are made.
-stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches 12 --reference-spp 256
-stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 256
-stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 256
-stress error-pipes-flip 128 pipes-100m.trex --scenario flip $views --switches 4 --reference-spp 256
-
-# The same at the size of a page, from jump to jump.
-jump() {
-    local name=$1
-    shift
-    resolution=1280x720 stress "jump-$name" 256 "$@" --scenario flip --switches 10 --hold 3200 --reference-spp 64 \
-        --references "$name.references"
+marked="--views pipes-100m-views.toml"
+part() {
+    local scenario model size mib
+    case $1 in
+    jumps)
+        jumps isosurface isosurface-100m.trex
+        jumps pipes pipes-100m.trex --views pipes-100m-inside-views.toml
+        jumps scan scan-100m.trex
+        [ ! -e kicad-grid.trex ] || jumps kicad-grid kicad-grid.trex
+        ;;
+    errors)
+        stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches 12 --reference-spp 256
+        stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 256
+        stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 256
+        stress error-pipes-flip 128 pipes-100m.trex --scenario flip $marked --switches 4 --reference-spp 256
+        ;;
+    views)
+        for scenario in flip inside teleport light-edit; do
+            stress stress-isosurface-$scenario 128 isosurface-100m.trex --scenario $scenario --switches 200
+            stress stress-scan-$scenario 128 scan-100m.trex --scenario $scenario --switches 200
+            [ ! -e kicad-grid.trex ] ||
+                stress stress-kicad-grid-$scenario 128 kicad-grid.trex --scenario $scenario --switches 200
+            stress stress-pipes-$scenario 128 pipes-100m.trex --scenario $scenario $marked --switches 200
+        done
+        stress stress-isosurface-flip-exact 128 isosurface-100m.trex --scenario flip --lod-error 0 --switches 200
+        stress stress-isosurface-inside-exact 128 isosurface-100m.trex --scenario inside --lod-error 0 --switches 200
+        stress stress-pipes-flip-exact 128 pipes-100m.trex --scenario flip $marked --lod-error 0 --switches 200
+        ;;
+    memory)
+        for model in isosurface-100m pipes-100m kicad-grid sponza; do
+            [ -e $model.trex ] || continue
+            stress memory-${model%-100m}-flip 4096 $model.trex --scenario flip $([ $model != pipes-100m ] || echo "$marked") --switches 20
+        done
+        ;;
+    size)
+        for size in 1m 10m 100m; do
+            stress size-isosurface-$size 128 isosurface-$size.trex --scenario inside --switches 40
+            stress size-pipes-$size 128 pipes-$size.trex --scenario inside --switches 20
+        done
+        ;;
+    limit)
+        for mib in 104 128 192 256 512; do
+            stress limit-isosurface-$mib $mib isosurface-100m.trex --scenario inside --switches 40
+            stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 10
+        done
+        ;;
+    *)
+        echo "bench/frames.sh: no part is called $1" >&2
+        return 2
+        ;;
+    esac
 }
-jump isosurface isosurface-100m.trex
-jump pipes pipes-100m.trex --views pipes-100m-inside-views.toml
-jump scan scan-100m.trex
-[ ! -e kicad-grid.trex ] || jump kicad-grid kicad-grid.trex
 
+# jumps NAME MODEL ARGUMENTS...: from view to view, in 256 MiB and with all in memory, and a drag.
+jumps() {
+    local name=$1 resolution=1280x720
+    shift
+    local flip=("$@" --scenario flip --hold 3200 --reference-spp 64 --references "$name.references")
+    stress "jump-$name" 256 "${flip[@]}" --switches 10
+    stress "jump-$name-in-memory" 4096 "${flip[@]}" --switches 10
+    stress "drag-$name" 256 "$@" --scenario drag --switches 1 --reference-spp 16 --references "drag-$name.references"
+}
+
+[ $# -gt 0 ] || set -- jumps errors views memory size limit
+for name; do part "$name"; done
 "$root/target/release/trex-bench" --root "$root" docs
