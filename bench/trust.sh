@@ -19,8 +19,8 @@ shift
 cd "$(dirname "$0")/.."
 root=$PWD
 mkdir -p "$work"
-targets=(page cluster octree tables superblock gltf ply page_file tree units colours journal scratch obj stl glb nrrd mhd raw
-    mtl scene views)
+targets=(page cluster octree tables superblock gltf ply page_file tree units colours normals journal scratch shards obj stl glb
+    draco nrrd mhd raw mtl scene views)
 
 # keep NAME COMMAND CASES FAILURES SECONDS: appends a record.
 keep() {

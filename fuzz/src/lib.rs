@@ -24,7 +24,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 24] = [
+pub const TARGETS: [Target; 25] = [
     ("page", page),
     ("superblock", superblock),
     ("page_file", page_file),
@@ -43,6 +43,7 @@ pub const TARGETS: [Target; 24] = [
     ("stl", stl),
     ("gltf", gltf),
     ("glb", glb),
+    ("draco", draco),
     ("nrrd", nrrd),
     ("mhd", mhd),
     ("raw", raw),
@@ -204,6 +205,42 @@ pub fn gltf(bytes: &[u8]) {
 /// A glTF container.
 pub fn glb(bytes: &[u8]) {
     import("fuzzed.glb", bytes);
+}
+
+/// A primitive that is compressed with Draco, behind the counts of its vertices and triangles, two bytes each.
+pub fn draco(bytes: &[u8]) {
+    let Some((counts, stream)) = bytes.split_first_chunk::<4>() else { return };
+    let [vertices, triangles] = [0, 2].map(|at| u16::from_le_bytes([counts[at], counts[at + 1]]));
+    let rows = |kind: &str, count: u32| format!("{{\"componentType\":{kind},\"count\":{count}}}");
+    let accessors = [
+        rows("5126,\"type\":\"VEC3\"", vertices.into()),
+        rows("5121,\"normalized\":true,\"type\":\"VEC4\"", vertices.into()),
+        rows("5125,\"type\":\"SCALAR\"", 3 * u32::from(triangles)),
+    ];
+    let attributes = "\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2,\"COLOR_0\":3";
+    let text = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\
+         \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0,\"NORMAL\":0,\"COLOR_0\":1}},\"indices\":2,\
+         \"extensions\":{{\"KHR_draco_mesh_compression\":{{\"bufferView\":0,\"attributes\":{{{attributes}}}}}}}}}]}}],\
+         \"accessors\":[{}],\"bufferViews\":[{{\"buffer\":0,\"byteLength\":{length}}}],\
+         \"buffers\":[{{\"byteLength\":{length}}}]}}",
+        accessors.join(","),
+        length = stream.len()
+    );
+    let padded = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        bytes.resize(bytes.len().next_multiple_of(4), b' ');
+        bytes
+    };
+    let chunks = [(b"JSON", padded(text.as_bytes())), (b"BIN\0", padded(stream))];
+    let length: usize = 12 + chunks.iter().map(|(_, chunk)| 8 + chunk.len()).sum::<usize>();
+    let mut file = [&b"glTF"[..], &2u32.to_le_bytes(), &(length as u32).to_le_bytes()].concat();
+    for (kind, chunk) in chunks {
+        file.extend((chunk.len() as u32).to_le_bytes());
+        file.extend(kind);
+        file.extend(chunk);
+    }
+    import("fuzzed.glb", &file);
 }
 
 /// A volume as NRRD, whose samples are in it.

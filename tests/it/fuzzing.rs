@@ -228,6 +228,11 @@ fn glb() {
 }
 
 #[test]
+fn draco() {
+    check("draco");
+}
+
+#[test]
 fn nrrd() {
     check("nrrd");
 }
@@ -344,6 +349,7 @@ fn fuzz_seeds() {
     }
     seed_files::put_texts(&put);
     seed_files::put_gltf(&put);
+    seed_files::put_draco(&put);
     seed_files::put_volumes(&put);
     targets::left_over::sound().iter().for_each(|(target, name, bytes)| put(target, name, bytes));
     targets::shards::sound().iter().for_each(|(name, bytes)| put("shards", name, bytes));

@@ -1,6 +1,7 @@
 //! Seeds of the targets: meshes, volumes, glTF and texts, and what stands in a page of a file.
 
 use crate::gltf;
+use crate::tidy::root;
 use std::fmt::Write;
 use trex_store::PageFile;
 use trex_store::layout::{Packing, PageKind};
@@ -155,4 +156,24 @@ pub(super) fn put_gltf(put: &dyn Fn(&str, &str, &[u8])) {
     let uri = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     let text = text.replace("BYTES", &format!("36,\"uri\":\"data:;base64,{uri}\""));
     put("gltf", "small.gltf", text.as_bytes());
+}
+
+/// Seeds of Draco: the smaller grids of the files that the importer is held to, behind their counts.
+pub(super) fn put_draco(put: &dyn Fn(&str, &str, &[u8])) {
+    for name in ["edgebreaker", "sequential"] {
+        let file =
+            std::fs::read(root().join(format!("store/src/import/tests/gltf/draco/{name}.glb"))).unwrap();
+        let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
+        let json: serde_json::Value = serde_json::from_slice(&file[20..20 + length]).unwrap();
+        let number = |value: &serde_json::Value| value.as_u64().unwrap() as usize;
+        let primitive = &json["meshes"][0]["primitives"][1];
+        let view = number(&primitive["extensions"]["KHR_draco_mesh_compression"]["bufferView"]);
+        let view = &json["bufferViews"][view];
+        let from = 20 + length + 8 + number(&view["byteOffset"]);
+        let count =
+            |accessor: &serde_json::Value| number(&json["accessors"][number(accessor)]["count"]) as u16;
+        let vertices = count(&primitive["attributes"]["POSITION"]);
+        let counts = [vertices, count(&primitive["indices"]) / 3].map(u16::to_le_bytes).concat();
+        put("draco", name, &[&counts[..], &file[from..from + number(&view["byteLength"])]].concat());
+    }
 }

@@ -5,9 +5,11 @@
 
 use super::buffers::{Buffers, wrong};
 use super::bytes::{BufferPlace, Spool};
+use super::draco::DracoStream;
 use super::json::{JsonDocument, JsonMeshopt, JsonSparse};
 use super::packed::{PackedFilter, PackedMode, PackedView};
-use super::rows::{ElementRows, RowLayout, SparseRows, ViewPlace};
+use super::row_layout::RowLayout;
+use super::rows::{ElementRows, SparseRows, ViewPlace};
 use crate::error::{Code, Error, Result};
 use crate::import::scalar::Scalar;
 use std::path::Path;
@@ -39,11 +41,13 @@ pub(super) struct Accessors<'a, 'b> {
     pub(super) document: &'a JsonDocument<'a>,
     pub(super) buffers: &'b mut Buffers<'a>,
     pub(super) spool: &'b mut Spool,
+    /// Of the primitive at hand: it has the rows of some accessors.
+    pub(super) draco: Option<Arc<DracoStream>>,
 }
 
 impl Accessors<'_, '_> {
-    /// The rows of an accessor.
-    pub(super) fn rows(&mut self, index: u32, used: AccessorUse) -> Result<ElementRows> {
+    /// How the rows of an accessor lie for this use, without its view.
+    pub(super) fn layout(&self, index: u32, used: AccessorUse) -> Result<RowLayout> {
         let bad = |what: &str| wrong(self.path, "accessors", index, what);
         let Some(accessor) = self.document.accessors.get(index as usize) else {
             let count = self.document.accessors.len();
@@ -72,7 +76,7 @@ impl Accessors<'_, '_> {
                 format!("{used:?} wanted, found type {kind} of componentType {}", accessor.component_type),
             ));
         }
-        let layout = RowLayout {
+        Ok(RowLayout {
             offset: accessor.byte_offset,
             stride: 0,
             count: accessor.count,
@@ -88,7 +92,18 @@ impl Accessors<'_, '_> {
             is_normalized: scalar.is_integer()
                 && (accessor.normalized || matches!(used, AccessorUse::Rotations | AccessorUse::Colours))
                 && used != AccessorUse::Indices,
-        };
+        })
+    }
+
+    /// The rows of an accessor.
+    pub(super) fn rows(&mut self, index: u32, used: AccessorUse) -> Result<ElementRows> {
+        let of_stream = self.draco.as_ref().and_then(|stream| Some((stream, stream.layout_of(index)?)));
+        if let Some((stream, layout)) = of_stream {
+            let view = Some(ViewPlace::Draco(stream.clone(), index));
+            return Ok(ElementRows { accessor: index, view, layout, sparse: None });
+        }
+        let layout = self.layout(index, used)?;
+        let accessor = &self.document.accessors[index as usize];
         let sparse =
             accessor.sparse.as_deref().map(|sparse| self.sparse(index, sparse, layout)).transpose()?;
         let (view, layout) = match accessor.buffer_view {
@@ -191,12 +206,13 @@ impl Accessors<'_, '_> {
         }
     }
 
-    /// The place of a view that is not compressed.
-    pub(super) fn plain_view(&mut self, index: u32) -> Result<BufferPlace> {
+    /// The place of a view that is not compressed, of a `used` of the file.
+    pub(super) fn plain_view(&mut self, index: u32, used: &str) -> Result<BufferPlace> {
         match self.view(index)? {
             (ViewPlace::Plain(place), ..) => Ok(place),
-            (ViewPlace::Packed(_), ..) => {
-                Err(wrong(self.path, "bufferViews", index, "a picture of the glTF file is a compressed view"))
+            _ => {
+                let what = format!("a {used} of the glTF file is a compressed view");
+                Err(wrong(self.path, "bufferViews", index, &what))
             }
         }
     }

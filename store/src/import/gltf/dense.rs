@@ -1,12 +1,14 @@
-//! `DenseStore`: accessors as plain rows. Compressed views are decoded, replaced rows are put in their places, once
-//! each; both go to the spool.
+//! `DenseStore`: accessors as plain rows. Compressed views and streams are decoded, replaced rows are put in their
+//! places, once each; all go to the spool.
 //!
 //! Invariants: 1. what an accessor gives does not depend on when it is asked for; 2. an entry is leased before it is
 //! kept.
 
 use super::bytes::{BufferPlace, Spool};
+use super::draco::DracoStream;
 use super::packed::PackedView;
-use super::rows::{ElementRows, PlainRows, RowLayout, RowWindow, SparseRows, ViewPlace};
+use super::row_layout::RowLayout;
+use super::rows::{ElementRows, PlainRows, RowWindow, SparseRows, ViewPlace};
 use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
 use std::collections::BTreeMap;
@@ -18,12 +20,13 @@ const ENTRY_BYTES: u64 = 256;
 /// What entries are called in messages.
 const ENTRIES: &str = "the places of decoded accessors";
 
-/// Plain rows by accessor, and decoded places by view.
+/// Plain rows by accessor, and decoded places by view, and by stream and accessor.
 pub(super) struct DenseStore {
     pub(super) spool: Spool,
     path: Arc<Path>,
     budget: Budget,
     views: BTreeMap<u32, BufferPlace>,
+    streams: BTreeMap<(u32, u32), BufferPlace>,
     accessors: BTreeMap<u32, PlainRows>,
     lease: Lease,
 }
@@ -33,8 +36,8 @@ impl DenseStore {
     pub(super) fn new(spool: Spool, path: &Arc<Path>) -> Result<DenseStore> {
         let budget = spool.budget().clone();
         let lease = budget.lease(ENTRIES, 0)?;
-        let (views, accessors) = (BTreeMap::new(), BTreeMap::new());
-        Ok(DenseStore { spool, path: path.clone(), budget, views, accessors, lease })
+        let (views, streams, accessors) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+        Ok(DenseStore { spool, path: path.clone(), budget, views, streams, accessors, lease })
     }
 
     /// The rows of an accessor as plain ones.
@@ -64,6 +67,7 @@ impl DenseStore {
         let place = match view {
             ViewPlace::Plain(place) => place.clone(),
             ViewPlace::Packed(packed) => self.unpacked(packed)?,
+            ViewPlace::Draco(stream, accessor) => self.decoded(stream, *accessor)?,
         };
         Ok(PlainRows { place, layout })
     }
@@ -76,6 +80,17 @@ impl DenseStore {
         let place = packed.decode(&mut self.spool)?;
         self.views.insert(packed.view, place.clone());
         Ok(place)
+    }
+
+    fn decoded(&mut self, stream: &DracoStream, accessor: u32) -> Result<BufferPlace> {
+        let wanted = (stream.view, accessor);
+        if let Some(place) = self.streams.get(&wanted) {
+            return Ok(place.clone());
+        }
+        self.lease.grow(ENTRIES, stream.part_count() * ENTRY_BYTES)?;
+        let places = stream.decode(&mut self.spool)?;
+        self.streams.extend(places.into_iter().map(|(accessor, place)| ((stream.view, accessor), place)));
+        Ok(self.streams[&wanted].clone())
     }
 
     /// Rows of `base`, or zeros, with some of them replaced.

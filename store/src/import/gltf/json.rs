@@ -151,7 +151,15 @@ pub(super) struct JsonPrimitive {
 #[serde(default)]
 pub(super) struct JsonPrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
-    pub(super) draco: Option<IgnoredAny>,
+    pub(super) draco: Option<Box<Object<JsonDraco>>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct JsonDraco {
+    pub(super) buffer_view: Option<u32>,
+    /// Numbers of attributes in the stream, not accessors.
+    pub(super) attributes: JsonAttributes,
 }
 
 /// The attributes that are read, and how many others there are.
@@ -251,6 +259,7 @@ const _: () = assert!(
     size_of::<JsonNode>() <= OBJECT_BYTES_MAX
         && size_of::<JsonNodeExtensions>() <= OBJECT_BYTES_MAX
         && size_of::<JsonPrimitive>() <= OBJECT_BYTES_MAX
+        && size_of::<JsonDraco>() <= OBJECT_BYTES_MAX
         && size_of::<JsonAccessor<'_>>() <= OBJECT_BYTES_MAX
         && size_of::<JsonSparse>() <= OBJECT_BYTES_MAX
         && size_of::<JsonView<'_>>() <= OBJECT_BYTES_MAX

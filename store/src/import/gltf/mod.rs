@@ -18,6 +18,7 @@ mod buffers;
 mod bytes;
 mod container;
 mod dense;
+mod draco;
 mod json;
 mod json_look;
 mod json_value;
@@ -27,6 +28,7 @@ mod nodes;
 mod open_values;
 mod packed;
 mod primitives;
+mod row_layout;
 mod rows;
 mod source;
 #[cfg(test)]
@@ -88,7 +90,7 @@ fn open_with(input: Input, format: Format, kept: SpoolUse, options: &ImportOptio
     let mut buffers = Buffers::new(&path, &document, &container, options)?;
     buffers.file_bytes = length;
     let mut accessors =
-        Accessors { path: &path, document: &document, buffers: &mut buffers, spool: &mut spool };
+        Accessors { path: &path, document: &document, buffers: &mut buffers, spool: &mut spool, draco: None };
     let walk = nodes::walk(&mut accessors, options)?;
     // Before they are read, as all that is named.
     for uri in document.images.iter().filter_map(|image| image.uri.as_deref()) {
@@ -150,9 +152,10 @@ fn check_document(document: &JsonDocument<'_>, path: &Path) -> Result<()> {
     let is_known = |name: &str| {
         KNOWN_EXTENSIONS.contains(&name) || KNOWN_PREFIXES.iter().any(|prefix| name.starts_with(prefix))
     };
-    match document.extensions_required.iter().find(|name| !is_known(name)) {
+    let is_read = |name: &str| is_known(name) || (name == draco::EXTENSION && draco::IS_READ);
+    match document.extensions_required.iter().find(|name| !is_read(name)) {
         None => Ok(()),
-        Some(name) if &**name == "KHR_draco_mesh_compression" => Err(primitives::draco_error(path)),
+        Some(name) if &**name == draco::EXTENSION => Err(draco::unread(path)),
         Some(name) => {
             let shown: String = name.chars().take(64).collect();
             Err(Error::new(Code::InputFormat, "the glTF file needs an extension that is not read")

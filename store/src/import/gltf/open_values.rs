@@ -1,11 +1,12 @@
 //! `OpenValues`: what vertices have, open for reading: colours, normals, or coordinates in a picture.
 //!
-//! Invariant: what is open is of one accessor; its cache is in the file, where numbers lie there as they are.
+//! Invariant: what is open is of one accessor and stream; its cache is in the file, where numbers lie there as they
+//! are.
 
 use super::affine::Affine;
 use super::bytes::BufferPlace;
 use super::dense::DenseStore;
-use super::rows::{ElementRows, PlainRows, RowWindow, number_of_share};
+use super::rows::{ElementRows, PlainRows, RowWindow, RowsId, number_of_share};
 use crate::cluster::Normal;
 use crate::error::{Error, Result};
 use crate::import::ImportOptions;
@@ -15,7 +16,7 @@ use std::fs::File;
 
 /// Colours, normals or coordinates.
 pub(super) struct OpenValues {
-    accessor: u32,
+    rows: RowsId,
     cache: VertexCache,
     scalar: Scalar,
     /// Integers are shares of their greatest value.
@@ -30,7 +31,7 @@ impl OpenValues {
         store: &mut DenseStore,
         options: &ImportOptions,
     ) -> Result<()> {
-        if rows.map(|rows| rows.accessor) == open.as_ref().map(|open| open.accessor) {
+        if rows.map(ElementRows::identity) == open.as_ref().map(|open| open.rows) {
             return Ok(());
         }
         *open = None;
@@ -38,7 +39,7 @@ impl OpenValues {
             let cache = open_vectors(rows, store, options)?;
             let layout = &rows.layout;
             let (scalar, is_share) = (layout.scalar, layout.is_normalized);
-            *open = Some(OpenValues { accessor: rows.accessor, cache, scalar, is_share });
+            *open = Some(OpenValues { rows: rows.identity(), cache, scalar, is_share });
         }
         Ok(())
     }

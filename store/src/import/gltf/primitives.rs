@@ -5,19 +5,35 @@
 
 use super::accessors::{AccessorUse, Accessors};
 use super::buffers::wrong;
-use super::json::{JsonDocument, JsonPrimitive};
+use super::draco::{self, DracoStream, StreamPart};
+use super::json::{COORDINATE_SETS, JsonAttributes, JsonDocument, JsonPrimitive};
 use super::nodes::Placement;
+use super::row_layout::RowLayout;
 use super::rows::{ElementRows, ViewPlace};
 use super::textures::Textures;
 use crate::budget::Lease;
-use crate::error::{Code, Error, Result};
+use crate::error::Result;
 use crate::import::ImportOptions;
+use crate::import::scalar::Scalar;
 use std::ops::Range;
-use std::path::Path;
+use std::sync::Arc;
 
-/// Bytes that a compressed view, and rows that are replaced, take beside the primitive.
+/// Bytes that a compressed view, rows of a stream, and rows that are replaced, take beside the primitive.
 const PACKED_BYTES: u64 = 256;
 const SPARSE_BYTES: u64 = 512;
+
+/// Bytes of a vertex in an attribute that is in a stream and is not read: four floats.
+const UNREAD_BYTES: u64 = 16;
+/// What attributes are used for, as [`listed`] has them.
+const USES: [AccessorUse; 3 + COORDINATE_SETS] = [
+    AccessorUse::Vectors,
+    AccessorUse::Vectors,
+    AccessorUse::Colours,
+    AccessorUse::Coordinates,
+    AccessorUse::Coordinates,
+    AccessorUse::Coordinates,
+    AccessorUse::Coordinates,
+];
 
 /// How corners become triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +77,7 @@ impl GltfPrimitive {
         let rows = [Some(&self.positions), self.indices.as_ref()].into_iter().chain(boxes);
         let boxed = boxes.iter().flatten().count() as u64 * size_of::<ElementRows>() as u64;
         let beside = rows.flatten().map(|rows| {
-            let packed = matches!(rows.view, Some(ViewPlace::Packed(_)));
+            let packed = matches!(rows.view, Some(ViewPlace::Packed(_) | ViewPlace::Draco(..)));
             u64::from(packed) * PACKED_BYTES + u64::from(rows.sparse.is_some()) * SPARSE_BYTES
         });
         boxed + beside.sum::<u64>()
@@ -127,10 +143,10 @@ impl Primitives {
                 all.add(json, (mesh, range.clone(), times), textures, accessors)?;
             }
         }
-        all.list.sort_by_key(|primitive| primitive.positions.accessor);
+        all.list.sort_by_key(|primitive| primitive.positions.identity());
         let mut last = None;
         for primitive in &all.list {
-            if last.replace(primitive.positions.accessor) != Some(primitive.positions.accessor) {
+            if last.replace(primitive.positions.identity()) != Some(primitive.positions.identity()) {
                 all.vertex_count = all.vertex_count.saturating_add(primitive.positions.layout.count);
             }
         }
@@ -172,16 +188,7 @@ impl Primitives {
             self.skipped_count += 1;
             return Ok(());
         };
-        let draco = json.extensions.as_ref().is_some_and(|extensions| extensions.draco.is_some());
-        let has_bytes = |index: u32| {
-            document
-                .accessors
-                .get(index as usize)
-                .is_none_or(|a| a.buffer_view.is_some() || a.sparse.is_some())
-        };
-        if draco && (!has_bytes(position) || json.indices.is_some_and(|indices| !has_bytes(indices))) {
-            return Err(draco_error(accessors.path));
-        }
+        accessors.draco = draco_stream(json, mesh, accessors)?.map(Arc::new);
         let positions = accessors.rows(position, AccessorUse::Vectors)?;
         let colours = (json.attributes.colour, AccessorUse::Colours, "colour");
         let (colours, dropped_colour) = values(colours, &positions, accessors)?;
@@ -262,10 +269,65 @@ fn has_plain_bytes(document: &JsonDocument<'_>, accessor: u32) -> bool {
     !matches!(filter, Some("COLOR" | "OCTAHEDRAL"))
 }
 
-/// The error of what Draco has compressed.
-pub(super) fn draco_error(path: &Path) -> Error {
-    Error::new(Code::InputFormat, "the glTF file is compressed with Draco, which is not read")
-        .at(path)
-        .numbers("KHR_draco_mesh_compression")
-        .next("unpack it with `gltf-transform copy IN OUT`, or compress it with `gltf-transform meshopt IN OUT`")
+/// The stream of a primitive of a mesh that is compressed with Draco; `None` where it has none, or has all in another
+/// form as well.
+fn draco_stream(
+    json: &JsonPrimitive,
+    mesh: u32,
+    accessors: &mut Accessors<'_, '_>,
+) -> Result<Option<DracoStream>> {
+    let Some(draco) = json.extensions.as_ref().and_then(|extensions| extensions.draco.as_deref()) else {
+        return Ok(None);
+    };
+    let document = accessors.document;
+    let has_bytes = |index: u32| {
+        let accessor = document.accessors.get(index as usize);
+        accessor.is_none_or(|accessor| accessor.buffer_view.is_some() || accessor.sparse.is_some())
+    };
+    if [json.attributes.position, json.indices].into_iter().flatten().all(has_bytes) {
+        return Ok(None);
+    }
+    if !draco::IS_READ {
+        return Err(draco::unread(accessors.path));
+    }
+    let (Some(view), Some(indices), Some(_), 4) =
+        (draco.buffer_view, json.indices, draco.attributes.position, json.mode)
+    else {
+        let what = "a primitive that is compressed with Draco is no list of triangles with indices";
+        return Err(wrong(accessors.path, "meshes", mesh, what).numbers(format!(
+            "mode {}, bufferView {:?}, indices {:?}, POSITION {:?}",
+            json.mode, draco.buffer_view, json.indices, draco.attributes.position
+        )));
+    };
+    let corners = accessors.layout(indices, AccessorUse::Indices)?;
+    let layout = RowLayout { scalar: Scalar::U32, ..corners }.packed();
+    let mut stream = DracoStream {
+        view,
+        path: accessors.path.clone(),
+        place: accessors.plain_view(view, "primitive")?,
+        triangle_count: corners.count / 3,
+        vertex_count: 0,
+        vertex_bytes: u64::from(draco.attributes.other_count) * UNREAD_BYTES,
+        parts: vec![StreamPart { accessor: indices, layout, attribute: None }],
+    };
+    let pairs = listed(&json.attributes).into_iter().zip(listed(&draco.attributes));
+    for ((accessor, attribute), used) in pairs.zip(USES) {
+        match (accessor, attribute) {
+            (Some(accessor), Some(_)) => {
+                let layout = accessors.layout(accessor, used)?.packed();
+                stream.vertex_count = stream.vertex_count.max(layout.count);
+                stream.vertex_bytes += layout.row_bytes() as u64;
+                stream.parts.push(StreamPart { accessor, layout, attribute });
+            }
+            (None, Some(_)) => stream.vertex_bytes += UNREAD_BYTES,
+            (_, None) => {}
+        }
+    }
+    Ok(Some(stream))
+}
+
+/// Numbers of attributes that are read.
+fn listed(attributes: &JsonAttributes) -> [Option<u32>; 3 + COORDINATE_SETS] {
+    let JsonAttributes { position, normal, colour, places: [a, b, c, d], .. } = *attributes;
+    [position, normal, colour, a, b, c, d]
 }

@@ -10,7 +10,9 @@
 //! window takes [`WINDOW_BYTES`] at most, leased; 3. rows that fit the window are read once.
 
 use super::bytes::{BufferPlace, ByteSource, Spool};
+use super::draco::DracoStream;
 use super::packed::PackedView;
+use super::row_layout::RowLayout;
 use crate::budget::{Budget, Lease};
 use crate::error::Result;
 use crate::import::scalar::{ByteOrder, Scalar};
@@ -26,35 +28,8 @@ pub(super) enum ViewPlace {
     Plain(BufferPlace),
     /// Compressed: decoded when they are first read.
     Packed(Arc<PackedView>),
-}
-
-/// How the rows of an accessor lie in their view, and what is in them.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct RowLayout {
-    /// Of the first row, in its place.
-    pub(super) offset: u64,
-    /// Bytes from a row to the next.
-    pub(super) stride: u64,
-    /// Rows.
-    pub(super) count: u64,
-    /// Type of a number.
-    pub(super) scalar: Scalar,
-    /// Numbers of a row, four at most.
-    pub(super) components: usize,
-    /// Integers stand for shares of their greatest value.
-    pub(super) is_normalized: bool,
-}
-
-impl RowLayout {
-    /// Bytes of a row.
-    pub(super) fn row_bytes(&self) -> usize {
-        self.components * self.scalar.size()
-    }
-
-    /// Rows one after the other, of this content.
-    pub(super) fn packed(&self) -> RowLayout {
-        RowLayout { offset: 0, stride: self.row_bytes() as u64, ..*self }
-    }
+    /// Those of an accessor in a stream of Draco, decoded with all others of it.
+    Draco(Arc<DracoStream>, u32),
 }
 
 /// Rows of an accessor as the file says.
@@ -67,6 +42,21 @@ pub(super) struct ElementRows {
     pub(super) layout: RowLayout,
     /// Rows that are replaced.
     pub(super) sparse: Option<Arc<SparseRows>>,
+}
+
+/// What tells rows from others: an accessor, and the view of the stream where Draco has compressed them, since two
+/// streams may have one accessor.
+pub(super) type RowsId = (u32, Option<u32>);
+
+impl ElementRows {
+    /// Rows of one identity are the same.
+    pub(super) fn identity(&self) -> RowsId {
+        let stream = match &self.view {
+            Some(ViewPlace::Draco(stream, _)) => Some(stream.view),
+            _ => None,
+        };
+        (self.accessor, stream)
+    }
 }
 
 /// Rows that stand in the place of others.

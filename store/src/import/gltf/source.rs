@@ -9,7 +9,7 @@ use super::materials::GltfMaterials;
 use super::nodes::{InstanceRows, Placement, Walk};
 use super::open_values::{OpenValues, open_vectors};
 use super::primitives::{GltfPrimitive, Primitives};
-use super::rows::{ElementRows, RowWindow, number_of_share};
+use super::rows::{ElementRows, RowWindow, RowsId, number_of_share};
 use super::textures::Textures;
 use super::triangles::TriangleCorners;
 use crate::budget::Lease;
@@ -78,7 +78,7 @@ struct World {
 }
 
 struct OpenPositions {
-    accessor: u32,
+    rows: RowsId,
     cache: VertexCache,
     /// Positions are shares of this type's greatest value.
     share_of: Option<Scalar>,
@@ -167,8 +167,8 @@ impl GltfSource {
 
     fn open_primitive(&mut self) -> Result<()> {
         let primitive = &self.parts.primitives.list[self.at.primitive];
-        let accessor = primitive.positions.accessor;
-        if self.positions.as_ref().is_none_or(|open| open.accessor != accessor) {
+        let rows = primitive.positions.identity();
+        if self.positions.as_ref().is_none_or(|open| open.rows != rows) {
             if let Some(closed) = self.positions.take() {
                 let (lookups, misses) = closed.cache.lookups_and_misses();
                 self.lookups = [self.lookups[0] + lookups, self.lookups[1] + misses];
@@ -176,7 +176,7 @@ impl GltfSource {
             let layout = &primitive.positions.layout;
             let share_of = layout.is_normalized.then_some(layout.scalar);
             let cache = open_vectors(&primitive.positions, &mut self.parts.store, &self.options)?;
-            self.positions = Some(OpenPositions { accessor, cache, share_of });
+            self.positions = Some(OpenPositions { rows, cache, share_of });
         }
         let (store, options) = (&mut self.parts.store, &self.options);
         OpenValues::open(&mut self.colours, primitive.colours.as_deref(), store, options)?;

@@ -208,7 +208,7 @@ fn read_image(
                 BufferPlace::File { path: path.into(), offset: 0, bytes: kind.len() }
             }
         },
-        (None, Some(view)) => accessors.plain_view(view).map_err(fault)?,
+        (None, Some(view)) => accessors.plain_view(view, "picture").map_err(fault)?,
         (None, None) => return Err(unread("it names no bytes")),
     };
     let source = ByteSource::open(&place, accessors.spool).map_err(fault)?;

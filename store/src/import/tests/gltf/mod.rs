@@ -3,6 +3,8 @@
 //! well.
 
 mod colours;
+#[cfg(feature = "draco")]
+mod draco;
 mod encodings;
 mod glb;
 mod meshopt;

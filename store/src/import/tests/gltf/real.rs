@@ -117,7 +117,7 @@ fn a_compressed_duck_is_a_duck() {
     assert!((area / packed_area - 1.0).abs() < 0.01, "{boxes:?}");
 }
 
-fn area(t: &SourceTriangle) -> f64 {
+pub(super) fn area(t: &SourceTriangle) -> f64 {
     let (u, v): ([f64; 3], [f64; 3]) =
         (std::array::from_fn(|i| t[1][i] - t[0][i]), std::array::from_fn(|i| t[2][i] - t[0][i]));
     let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
