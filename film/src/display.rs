@@ -15,6 +15,7 @@
 //! changes by itself; 3. its memory is leased before it is taken, with the most of what it, the saliency of the picture
 //! and the filter take while they work: they take turns, and [`Display::release_work`] makes way.
 
+mod kept;
 mod shrinkage;
 #[cfg(test)]
 mod tests;
@@ -27,6 +28,7 @@ use super::packed::{PackedLight, luminance};
 use super::saliency;
 use super::tile::{TILE_SIDE_PIXELS, Tile, bit, tile, tile_count};
 use glam::Vec3;
+pub use kept::KeptLight;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 use shrinkage::TileLuminances;
@@ -160,28 +162,6 @@ impl Display {
     pub fn release_work(&mut self, pool: &ThreadPool) {
         self.fill(pool);
         self.coarse.release_work();
-    }
-
-    /// Bytes that the picture before takes beside one of `resolution`.
-    pub fn history_bytes(resolution: [u32; 2]) -> u64 {
-        Coarse::history_bytes(resolution)
-    }
-
-    /// Keeps the picture before from now on, in a lease of [`Display::history_bytes`], or none.
-    pub fn keep_history(&mut self, lease: Option<Lease>) {
-        self.coarse.keep_history(lease.is_some());
-        (self.history_lease, self.is_fresh) = (lease, false);
-    }
-
-    /// Bytes that light kept in the world takes beside a picture of `resolution`.
-    pub fn cache_bytes(resolution: [u32; 2]) -> u64 {
-        Coarse::cache_bytes(resolution)
-    }
-
-    /// Keeps light where it is in the world from now on, in a lease of [`Display::cache_bytes`], or none.
-    pub fn keep_cache(&mut self, lease: Option<Lease>) {
-        self.coarse.keep_cache(lease.is_some());
-        self.cache_lease = lease;
     }
 
     /// The lease of its memory.
@@ -323,26 +303,6 @@ impl Display {
     /// Pixels from sample to sample of what is on show; `None` before the first picture.
     pub fn step(&self) -> Option<u32> {
         self.shown.map(|(_, step)| step)
-    }
-
-    /// An event: what is on show is from now on the picture before. False where nothing was shown since the last event:
-    /// the picture before stays what it is. Where it is `lit_anew`, nothing is kept in the world.
-    pub fn remember(&mut self, lit_anew: bool) -> bool {
-        let is_fresh = std::mem::take(&mut self.is_fresh);
-        if let Some((_, step)) = self.shown.filter(|_| is_fresh) {
-            self.coarse.remember(step);
-        }
-        if lit_anew {
-            self.coarse.forget_cache();
-        }
-        is_fresh
-    }
-
-    /// Something changes that leaves no light of before right.
-    pub fn forget(&mut self) {
-        self.is_fresh = false;
-        self.coarse.forget();
-        self.coarse.forget_cache();
     }
 
     /// Radiance on show from pixel (x, y) on, by rows, linear RGB.

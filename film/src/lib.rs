@@ -43,7 +43,7 @@ mod tile;
 
 pub use brightness::Brightness;
 pub use coarse::{Reprojection, STEPS, grid_size};
-pub use display::{Display, GridPart};
+pub use display::{Display, GridPart, KeptLight};
 pub use encode::{Image, Strips, encoder_bytes, write_exr, write_exr_strips, write_png, write_png_strips};
 pub use film::{Film, LayerPixel, Layers, NO_ID, film_bytes, portion_bytes};
 pub use filter::{filter_bytes, smooth};

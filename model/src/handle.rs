@@ -12,7 +12,8 @@ use crate::shared_pool::{PoolSource, SharedPool};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use trex_render::{
-    Emitter, GStage, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels, WorkerThreads,
+    Emitter, FrameOptions, GStage, MemoryPlan, MeshTracer, PictureNeeds, Scene, SessionSetup, Voxels,
+    WorkerThreads,
 };
 use trex_store::io::IoOptions;
 use trex_store::pool::PagePool;
@@ -161,6 +162,24 @@ impl Model {
         let plans = pictures.iter().map(plan).collect::<Result<Vec<_>>>()?;
         let tightest = plans.iter().min_by_key(|plan| plan.frames_bytes + plan.staging_bytes);
         tightest.map_or(Ok(()), |plan| self.0.pool.fit(plan, &self.pool_source()))
+    }
+
+    /// Most bytes of the light of before that are planned beside the tightest of `pictures`, under this limit or the
+    /// present one.
+    ///
+    /// # Errors
+    /// [`Code::MemoryLimit`] with the smallest limit that works.
+    pub fn kept_light_bytes(&self, pictures: &[PictureNeeds], limit_bytes: Option<u64>) -> Result<u64> {
+        let limit_bytes = limit_bytes.unwrap_or_else(|| self.0.budget.limit_bytes());
+        let plan = |picture| MemoryPlan::new(&self.0.file, &self.0.device.with_needs(picture), limit_bytes);
+        let plans = pictures.iter().map(|picture| Ok(plan(picture)?.kept_light_bytes));
+        Ok(plans.collect::<Result<Vec<_>>>()?.into_iter().min().unwrap_or(0))
+    }
+
+    /// These options of frames, with the light of before that was planned for the session that was made last.
+    pub fn planned_frames(&self, options: FrameOptions) -> FrameOptions {
+        let kept_light_bytes = self.memory_plan().map_or(0, |plan| plan.kept_light_bytes);
+        FrameOptions { kept_light_bytes, ..options }
     }
 
     /// Has `apply` put `picture` in the place of the one on show: frames of pages that it needs go before, those that

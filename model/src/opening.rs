@@ -85,7 +85,7 @@ impl Model {
         let mut scene = scene.clone();
         scene.begin_live();
         let in_frames = SessionOptions { pace: Pace::InFrames, ..SessionOptions::default() };
-        self.session_with(&scene, &in_frames)?.go_live(options)
+        self.session_with(&scene, &in_frames)?.go_live(self.planned_frames(options))
     }
 
     /// Has `session`, one of [`Model::live`], show other parts; frames of pages make room for what these take.
@@ -103,9 +103,23 @@ impl Model {
             copies_bytes: after.copies_bytes + parts.exchange_bytes(before, leaves),
             ..after
         };
-        self.exchange(&meanwhile, || session.apply(Event::Parts(parts.clone())))?;
+        let fit_light = |session: &mut LiveSession, picture| {
+            // What cannot be planned is refused by who makes room for it.
+            if let Ok(bytes) = self.kept_light_bytes(&[picture], None) {
+                session.keep_light_within(bytes);
+            }
+        };
+        let on_show = PictureNeeds { parts: before.needs(), ..after };
+        fit_light(session, meanwhile);
+        let shown = self.exchange(&meanwhile, || session.apply(Event::Parts(parts.clone())));
+        if shown.is_err() {
+            fit_light(session, on_show);
+        }
+        shown?;
         // What was for the change alone is for frames of pages again.
-        self.make_room(&[after])
+        self.make_room(&[after])?;
+        fit_light(session, after);
+        Ok(())
     }
 
     /// Decides what `scene` leaves open.

@@ -76,6 +76,9 @@ impl Model {
             device_name: &self.device().name,
             device: &|| self.device_figures(),
             damage: &|| DamageList::of(self.file(), &pool),
+            kept_light: &|rooms, limit_bytes| {
+                self.kept_light_bytes(&rooms.iter().map(needs).collect::<Vec<_>>(), limit_bytes)
+            },
             set_limit: &|bytes| self.set_limit(bytes, &needs(&now.get())),
             exchange: &|room, apply| {
                 self.exchange(&needs(&room), apply)?;

@@ -58,7 +58,8 @@ impl NativeViewer {
         let address = raised(py, listener.local_addr().map_err(|error| refused(&place, &error)))?;
         let frames = FrameOptions { t_max: T_MAX, fills_while_moving: false, ..FrameOptions::default() };
         let session = detached::run(py, None, |work| {
-            open_session(&model, &mut scene, follows_page, &work.interrupt)?.go_live(frames)
+            let session = open_session(&model, &mut scene, follows_page, &work.interrupt)?;
+            session.go_live(model.planned_frames(frames))
         })?;
         let token = raised(py, Token::random())?;
         let hosts = place.hosts;

@@ -215,6 +215,7 @@ impl DeadlineArgs {
                 Some(TileOrderArg::Saliency) => TileOrder::Saliency(saliency),
                 None | Some(TileOrderArg::Error) => TileOrder::Error(saliency),
             },
+            ..defaults
         }
     }
 }

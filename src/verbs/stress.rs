@@ -52,7 +52,7 @@ pub fn run(args: &StressArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let stop = || ctx.interrupt.is_raised();
     session.illuminate(&stop, &mut |done, total| tell(ctx, "photons", [done, total], "photons"))?;
     ctx.interrupt.check()?;
-    let mut session = session.go_live(frames)?;
+    let mut session = session.go_live(stage.model.planned_frames(frames))?;
     let options = stress_options(args, &scene, &session)?;
     let switches = u64::from(options.switches);
     let stand = Stand {

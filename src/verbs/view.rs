@@ -179,7 +179,8 @@ impl Viewer<'_> {
             }
             opened => opened?,
         };
-        Ok(OpenModel { stage, session: session.go_live(frames)?, file, scene, path, options, is_edited })
+        let session = session.go_live(stage.model.planned_frames(frames))?;
+        Ok(OpenModel { stage, session, file, scene, path, options, is_edited })
     }
 
     /// Does `work` while pages that come are told how far it is; without them where the limit has no room for both.

@@ -2,6 +2,7 @@
 
 use crate::command::{document_in, folder, listing, run_in};
 use crate::fixtures::model_with;
+use crate::view::{ViewProcess, smallest_limit_mib};
 use std::path::Path;
 use trex_render::{CpuStage, Layers, MemoryPlan, PartNeeds, PictureNeeds, RenderKeys, RenderSettings};
 use trex_store::build::Voxels;
@@ -91,6 +92,22 @@ fn info_tells_the_smallest_limit_of_a_picture() {
     let line = format!("render bare.trex -o less.png --threads 1 --memory-limit {}B --json -q", smallest - 1);
     let refused = run_in(inside.path(), &line).expect_error(4, "memory-limit");
     assert_eq!(refused["smallest_limit_bytes"], smallest);
+}
+
+/// Light of earlier pictures once took the room that was planned for the viewer: at 1600x900 it was refused under
+/// limits that the same line called enough.
+#[test]
+fn the_viewer_opens_a_large_picture_under_the_smallest_limit() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:scan:100k -o scan.trex");
+    let line = "scan.trex --resolution 1920x1080 --threads 2 --spp 1";
+    let limit = smallest_limit_mib(inside.path(), line);
+    for limit in [limit, limit + 8, limit + 24] {
+        let viewing = ViewProcess::start(inside.path(), &format!("{line} --memory-limit {limit}MiB"));
+        assert!(viewing.address().starts_with("http"), "{limit} MiB");
+        viewing.told_after_waits(|text| text["type"] == "welcome");
+        viewing.end().expect(0);
+    }
 }
 
 /// What grows with the picture once left 39 of 256 MiB to pages at 1920x1080: a view of 100M triangles read each page

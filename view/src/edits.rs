@@ -161,7 +161,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         if parts == before {
             return Ok(State::default());
         }
-        let (now, exchange, make_room) = (self.room(settings), self.around.exchange, self.around.make_room);
+        let (now, exchange) = (self.room(settings), self.around.exchange);
         let after = Room { parts: parts.needs(), ..now };
         let leaves = self.session().model().voxels.as_ref().map_or(0, |voxels| voxels.octree().leaf_count());
         let meanwhile = Room {
@@ -169,9 +169,12 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             copies_bytes: now.copies_bytes + parts.exchange_bytes(&before, leaves),
             ..now
         };
-        exchange(meanwhile, &mut || self.session_mut().apply(Event::Parts(parts.clone())))?;
+        self.fit_light(&[meanwhile], None);
+        let shown = exchange(meanwhile, &mut || self.session_mut().apply(Event::Parts(parts.clone())));
+        self.fit_light_on_show();
+        shown?;
         // What was for the change alone is for frames of pages again.
-        make_room(&[after])?;
+        self.make_room(&[after])?;
         Ok(State { parts: Some(PartsText::of(&parts, material_count)), ..State::default() })
     }
 
@@ -219,7 +222,10 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             return Ok(State::default());
         }
         let (room, exchange) = (self.room(settings), self.around.exchange);
-        exchange(room, &mut || self.change_settings(settings))?;
+        self.fit_light(&[room], None);
+        let changed = exchange(room, &mut || self.change_settings(settings));
+        self.fit_light_on_show();
+        changed?;
         self.frame_again(&old, &settings)?;
         self.tone.set_exposure(settings.exposure.factor());
         self.shared.picture().forget();
@@ -255,19 +261,6 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         changed
     }
 
-    /// Sets the memory for pages.
-    fn set_limit(&mut self, bytes: u64) {
-        match (self.around.set_limit)(bytes) {
-            Ok(()) => {
-                let limit_bytes = self.around.budget.limit_bytes();
-                let update = State { memory: Some(LimitText { limit_bytes }), ..State::default() };
-                self.shared.send_state(update, None);
-                self.send_stats();
-            }
-            Err(error) => self.send_error(&error),
-        }
-    }
-
     /// Tells who watches what has changed; or who drives that it has not.
     fn publish_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
         match changed {
@@ -296,11 +289,6 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         }
     }
 
-    /// The room for a picture on show, beside files that are not sent yet.
-    pub(crate) fn room(&self, settings: RenderSettings) -> Room {
-        Room::of(settings, self.session().view().parts.needs(), self.files.now())
-    }
-
     /// Answers what a page asks.
     fn answer(&mut self, client: ClientId, question: Question) {
         match question {
@@ -317,15 +305,13 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     }
 
     /// The scene's text as a file.
-    fn scene_file(&self, id: u32) -> Result<File> {
-        let session = self.session();
-        let (settings, sources) = (session.view().settings, self.text_sources());
-        let bytes = texts::scene_bytes(&sources);
-        let on_show = self.room(settings);
+    fn scene_file(&mut self, id: u32) -> Result<File> {
+        let bytes = texts::scene_bytes(&self.text_sources());
+        let on_show = self.room(self.session().view().settings);
         let copies_bytes = on_show.copies_bytes + bytes as u64;
-        (self.around.make_room)(&[Room { copies_bytes, ..on_show }])?;
+        self.make_room(&[Room { copies_bytes, ..on_show }])?;
         let room = self.files.lease(self.around.budget, "the scene's text", bytes as u64)?;
-        Ok(File::new(FileFormat::Scene, id, texts::scene(&sources, bytes).into_bytes(), room))
+        Ok(File::new(FileFormat::Scene, id, texts::scene(&self.text_sources(), bytes).into_bytes(), room))
     }
 
     /// Says what is at a pixel.

@@ -40,6 +40,7 @@ mod http;
 mod mail;
 mod mailbox;
 mod materials;
+mod memory_room;
 mod message;
 mod motion;
 mod on_show;
@@ -70,5 +71,7 @@ pub use guard::{Embedders, Token};
 pub use reports::{DeviceFigures, MemoryFigures, ModelFigures, PoolFigures};
 pub use serve::serve;
 pub use shared::view_bytes;
-pub use surroundings::{Exchange, Recipe, Room, SILENCE_MAX, ServeOptions, ServeReport, Surroundings};
+pub use surroundings::{
+    Exchange, KeptLightBytes, Recipe, Room, SILENCE_MAX, ServeOptions, ServeReport, Surroundings,
+};
 pub use waiting::{WaitingRoom, WaitingText};

@@ -70,7 +70,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             // beside both.
             let on_show = self.room(old);
             let room = Room { copies_bytes: on_show.copies_bytes + file_bytes(&shot), ..on_show };
-            (self.around.make_room)(&[room, Room { settings, ..room }])?;
+            self.make_room(&[room, Room { settings, ..room }])?;
             Ok(settings)
         });
         let made = match settings {
@@ -78,7 +78,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             Ok(settings) => self.make_beside(shot, settings)?,
         };
         // There was room for it before, but for what the file takes until it is sent.
-        (self.around.make_room)(&[self.room(old)])?;
+        self.make_room(&[self.room(old)])?;
         let is_wanted = self.shared.mailbox.end_shot();
         match made {
             Ok(file) if is_wanted => {
@@ -97,7 +97,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// pages hear how it stands.
     fn make_beside(&mut self, shot: Shot, settings: RenderSettings) -> Result<Result<File>> {
         let old = self.session().view().settings;
-        let samples = self.session().film().samples();
+        let (samples, frames) = (self.session().film().samples(), *self.session().frame_options());
         let files = self.files.clone();
         let work = ShotWork {
             shot,
@@ -124,7 +124,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         if session.view().settings != old {
             session.apply(Event::Settings(old))?;
         }
-        self.put_session(session.go_live(self.options.frames)?, samples);
+        self.put_session(session.go_live(frames)?, samples);
         Ok(made)
     }
 

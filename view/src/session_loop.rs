@@ -358,9 +358,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
     /// Gives the room of files that have been sent back to the frames of pages.
     fn remake_room(&mut self) {
         let bytes = self.files.now();
-        if bytes != self.file_bytes
-            && (self.around.make_room)(&[self.room(self.session().view().settings)]).is_ok()
-        {
+        if bytes != self.file_bytes && self.make_room(&[self.room(self.session().view().settings)]).is_ok() {
             self.file_bytes = bytes;
         }
     }

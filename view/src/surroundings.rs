@@ -39,6 +39,8 @@ pub struct Surroundings<'a> {
     pub device: &'a dyn Fn() -> Option<DeviceFigures>,
     /// Damaged pages that were met; asked for when their count has changed.
     pub damage: &'a dyn Fn() -> DamageList,
+    /// Most bytes of the light of before that are planned beside each of these, under a limit or the present one.
+    pub kept_light: &'a KeptLightBytes<'a>,
     /// Sets the memory for frames of pages, bytes.
     pub set_limit: &'a dyn Fn(u64) -> Result<()>,
     /// Has a picture put in the place of the one on show: frames that it needs go before, those that it leaves come
@@ -63,6 +65,9 @@ pub enum Recipe<'a> {
     /// The scene file that the page offers, once it is saved: lights, materials or parts are not those of the file.
     Saved,
 }
+
+/// See [`Surroundings::kept_light`].
+pub type KeptLightBytes<'a> = dyn Fn(&[Room], Option<u64>) -> Result<u64> + 'a;
 
 /// See [`Surroundings::exchange`].
 pub type Exchange<'a> = dyn Fn(Room, &mut dyn FnMut() -> Result<()>) -> Result<()> + 'a;

@@ -37,13 +37,12 @@ use super::event_state::EventState;
 use super::fetch_block::FetchBlock;
 use super::foresight::Foresight;
 use super::ladder::Ladder;
-use super::shares::keep_light;
 use super::tile_run::TileRun;
 use super::{Change, Event, Pick, Session};
 use crate::trace::PagedTracer;
 use std::ops::Deref;
 use std::time::{Duration, Instant};
-use trex_film::{Display, Film, Image, ReducedPicture, TILE_SIDE_PIXELS, Tile, TileOrder};
+use trex_film::{Display, Film, Image, KeptLight, ReducedPicture, TILE_SIDE_PIXELS, Tile, TileOrder};
 use trex_store::Result;
 
 /// Options of frames with a deadline.
@@ -64,6 +63,8 @@ pub struct FrameOptions {
     pub carries_light: bool,
     /// True when that of earlier pictures is kept where it is in the world, too.
     pub caches_light: bool,
+    /// Most bytes for both: what memory was planned for them. They are kept where there is room.
+    pub kept_light_bytes: u64,
 }
 
 impl Default for FrameOptions {
@@ -76,6 +77,17 @@ impl Default for FrameOptions {
             looks_ahead: false,
             carries_light: true,
             caches_light: true,
+            kept_light_bytes: u64::MAX,
+        }
+    }
+}
+
+impl FrameOptions {
+    pub(super) fn kept_light(&self) -> KeptLight {
+        KeptLight {
+            in_picture: self.carries_light,
+            in_world: self.caches_light,
+            most_bytes: self.kept_light_bytes,
         }
     }
 }
@@ -123,7 +135,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let (light, work) = self.light_parts(&|| false);
         light.go_live(&work, leases.light)?;
         let mut display = Display::in_lease(settings.resolution, leases.display);
-        keep_light(&mut display, &self.budget, settings.resolution, options.caches_light);
+        display.keep_light(&options.kept_light(), &self.budget);
         let live = Live {
             options,
             display,
@@ -139,6 +151,18 @@ impl<T: PagedTracer + Send> Session<T> {
 }
 
 impl<T: PagedTracer + Send> LiveSession<T> {
+    /// How frames are made.
+    pub fn frame_options(&self) -> &FrameOptions {
+        &self.live.options
+    }
+
+    /// Keeps light of before in at most so many bytes from now on.
+    pub fn keep_light_within(&mut self, bytes: u64) {
+        let Live { options, display, .. } = &mut self.live;
+        options.kept_light_bytes = bytes;
+        display.keep_light(&options.kept_light(), &self.session.budget);
+    }
+
     /// Changes camera, lights or a material; the next frames show it.
     ///
     /// # Errors

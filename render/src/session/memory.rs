@@ -64,6 +64,9 @@ pub struct MemoryPlan {
     pub staging_bytes: u64,
     /// Frames of pages.
     pub frames_bytes: u64,
+    /// Of the film's: the light of before that is kept, [`crate::FrameOptions::kept_light_bytes`].
+    #[serde(skip)]
+    pub kept_light_bytes: u64,
     #[serde(skip)]
     staging_slots: u64,
 }
@@ -110,7 +113,7 @@ impl MemoryPlan {
                 let history = needs.history_bytes(limit_bytes - taken);
                 let film_bytes = fixed.film_bytes + history;
                 let frames_bytes = (limit_bytes - taken - history).min(all.max(least));
-                return Ok(MemoryPlan { film_bytes, frames_bytes, ..fixed });
+                return Ok(MemoryPlan { film_bytes, frames_bytes, kept_light_bytes: history, ..fixed });
             }
         }
         let mib = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
@@ -198,6 +201,7 @@ impl MemoryPlan {
             film_bytes: session.film_bytes + session.pass_bytes + copies_bytes + shown_bytes(needs, &session),
             staging_bytes: overhead + pins + parts.cap_bytes(workers),
             frames_bytes: 0,
+            kept_light_bytes: 0,
             staging_slots,
         })
     }

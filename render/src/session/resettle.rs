@@ -12,7 +12,7 @@
 
 use super::light::{LightKind, LightRoom};
 use super::live::Live;
-use super::shares::{SessionShares, keep_light, keep_no_light};
+use super::shares::SessionShares;
 use super::{Change, LiveSession, Session};
 use crate::scene::exposure::Exposure;
 use crate::scene::method::Filter;
@@ -68,13 +68,13 @@ impl<T: PagedTracer + Send> Session<T> {
         let budget = self.budget.clone();
         // What is there if there is room makes way.
         if let Some(live) = live.as_deref_mut().filter(|_| exchange.has_other_film()) {
-            keep_no_light(&mut live.display);
+            live.display.keep_no_light();
         }
         let mut old = self.leases_that_go(&exchange, live.as_deref_mut());
         let bytes = exchange.after.bytes_after(&exchange.before);
         let exchanged = budget.exchange("a picture by these settings", bytes, &mut old);
         if let Some(live) = live.as_deref_mut().filter(|_| exchanged.is_err() && exchange.has_other_film()) {
-            keep_light(&mut live.display, &budget, before.resolution, live.options.caches_light);
+            live.display.keep_light(&live.options.kept_light(), &budget);
         }
         let mut room = exchanged?;
         self.let_go(&exchange, live.as_deref_mut(), &mut room);
@@ -161,7 +161,7 @@ impl<T: PagedTracer + Send> Session<T> {
         let Some(live) = live else { return };
         if exchange.has_other_film() {
             live.display = Display::in_lease(resolution, room.split(after.display_bytes));
-            keep_light(&mut live.display, &self.budget, resolution, live.options.caches_light);
+            live.display.keep_light(&live.options.kept_light(), &self.budget);
         }
     }
 }
@@ -280,8 +280,8 @@ mod tests {
             let mut expected = floor(keys).go_live(options()).unwrap();
             done(&mut expected);
             // What is there only if there is room is not counted.
-            keep_no_light(&mut expected.live.display);
-            keep_no_light(&mut live.live.display);
+            expected.live.display.keep_no_light();
+            live.live.display.keep_no_light();
             let needed = expected.session.budget.used_bytes();
             let held = budget.used_bytes();
             // Full-gi takes what it needs when its photons are sent.
@@ -292,14 +292,14 @@ mod tests {
                 assert_eq!(error.code(), Code::MemoryLimit, "{keys:?}");
                 assert_eq!(error.smallest_limit_bytes(), Some(RESERVE_BYTES + asked), "{keys:?}");
                 assert!(done(&mut live) == before && live.view().settings == settings(self::keys()));
-                keep_no_light(&mut live.live.display);
+                live.live.display.keep_no_light();
                 assert_eq!(budget.used_bytes(), held, "{keys:?}");
             }
             budget.set_limit(RESERVE_BYTES + held.max(asked));
             live.apply(Event::Settings(settings(keys))).unwrap_or_else(|error| panic!("{keys:?}: {error}"));
             budget.set_limit(u64::MAX);
             assert!(done(&mut live) == done(&mut expected), "{keys:?}");
-            keep_no_light(&mut live.live.display);
+            live.live.display.keep_no_light();
             assert_eq!(budget.used_bytes(), needed, "{keys:?}");
         }
     }
@@ -313,7 +313,7 @@ mod tests {
         let other = RenderKeys { resolution: [200, 200], ..keys() };
         let mut expected = floor(other).go_live(options()).unwrap();
         let expected_film = done(&mut expected);
-        keep_no_light(&mut expected.live.display);
+        expected.live.display.keep_no_light();
         let whole = PHOTONS as f64 / (PHOTONS + 1) as f64;
         for (share, event) in [(1e-9, None), (whole, None), (whole, Some(Event::Lights(sun(2.0))))] {
             let t_max = Duration::from_millis(1);
@@ -330,7 +330,7 @@ mod tests {
             budget.set_limit(u64::MAX);
             live.apply(Event::Lights(sun(1.0))).unwrap();
             assert!(done(&mut live) == expected_film, "{share} {is_lit_anew}");
-            keep_no_light(&mut live.live.display);
+            live.live.display.keep_no_light();
             assert_eq!(budget.used_bytes(), needed);
         }
     }

@@ -80,21 +80,6 @@ pub(super) struct LiveLeases {
     pub(super) light: Lease,
 }
 
-/// Has `display`, of `resolution`, keep of the light before what `budget` has room for: the picture before, and light
-/// in the world where that `is_cached`.
-pub(super) fn keep_light(display: &mut Display, budget: &Budget, resolution: [u32; 2], is_cached: bool) {
-    let lease = |what, bytes| budget.lease(what, bytes).ok();
-    display.keep_history(lease("the picture before the one on show", Display::history_bytes(resolution)));
-    let cache = is_cached.then(|| lease("light kept in the world", Display::cache_bytes(resolution)));
-    display.keep_cache(cache.flatten());
-}
-
-/// Has `display` keep no light of before.
-pub(super) fn keep_no_light(display: &mut Display) {
-    display.keep_history(None);
-    display.keep_cache(None);
-}
-
 impl SessionShares {
     /// The shares of a session with these settings.
     pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {

@@ -248,6 +248,7 @@ impl Server {
                     device_name: "processor",
                     device: &|| None,
                     damage: &|| DamageList::of(file, pool),
+                    kept_light: &|_, _| Ok(u64::MAX),
                     set_limit: &|bytes| pool.set_limit(bytes).map(drop),
                     exchange: &|_, apply| {
                         exchanged.fetch_add(1, Ordering::Relaxed);

@@ -175,3 +175,39 @@ fn light_that_was_another_is_worth_less_the_more_it_has_changed() {
     }
     assert!(shown(0.0) == 0.0);
 }
+
+/// Of the light of before is kept what there is room for, in the ledger and in the plan.
+#[test]
+fn light_of_before_stays_within_what_was_planned() {
+    let (picture, world) = (Display::history_bytes(RESOLUTION), Display::cache_bytes(RESOLUTION));
+    for (most_bytes, limit, expected) in [
+        (u64::MAX, u64::MAX, picture + world),
+        (picture + world, u64::MAX, picture + world),
+        (picture + world - 1, u64::MAX, picture),
+        (picture - 1, u64::MAX, 0),
+        (u64::MAX, picture, picture),
+        (0, u64::MAX, 0),
+    ] {
+        let budget = match limit {
+            u64::MAX => Budget::unlimited(),
+            bytes => Budget::new(trex_store::RESERVE_BYTES + bytes),
+        };
+        let mut display = display(RESOLUTION);
+        let kept = KeptLight { in_picture: true, in_world: true, most_bytes };
+        display.keep_light(&kept, &budget);
+        assert_eq!(budget.used_bytes(), expected, "{most_bytes} {limit}");
+        // Another plan: what may stay stays as it is, the rest goes.
+        show_moved(&mut display, None, |_| seen([0, 0]), |_| 1.0);
+        assert!(display.remember(false));
+        display.keep_light(&KeptLight { most_bytes: most_bytes.min(picture), ..kept }, &budget);
+        assert_eq!(budget.used_bytes(), expected.min(picture), "{most_bytes} {limit}");
+        show_moved(&mut display, Some(0.0), |_| seen([0, 0]), |_| 3.0);
+        let found = at(&display, [9, 6])[0];
+        assert!(
+            (found - if expected >= picture { 2.0 } else { 3.0 }).abs() < 1e-2,
+            "{most_bytes} {limit}: {found}"
+        );
+        display.keep_no_light();
+        assert_eq!(budget.used_bytes(), 0);
+    }
+}
