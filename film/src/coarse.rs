@@ -142,10 +142,8 @@ impl Coarse {
     /// Sets the sample of a pixel (x, y), both of them multiples of [`KEPT_STEP`].
     pub(super) fn set(&mut self, [x, y]: [u32; 2], radiance: Vec3, seen: &LayerPixel) {
         let at = self.place([x, y]);
-        let surface = Surface::new(seen);
-        let light = (radiance / Vec3::from(surface.albedo())).min(Vec3::splat(LIGHT_MOST));
-        self.surfaces[at] = surface;
-        self.set_key(at, seen);
+        self.see(at, seen, true);
+        let light = (radiance / Vec3::from(self.surfaces[at].albedo())).min(Vec3::splat(LIGHT_MOST));
         let count = self.surfaces.len();
         (0..3).for_each(|c| self.light[c * count + at] = light[c]);
     }

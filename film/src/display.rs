@@ -236,12 +236,19 @@ impl Display {
     }
 
     /// Makes the picture anew with the light of the exact samples on `film`, whose tiles have all been learned, and of
-    /// those taken again; does nothing where it shows another state or no picture of the finest grid.
+    /// those taken again; does nothing where it shows no picture of the finest grid, or one of another state beside
+    /// which not all pixels have a sample yet.
     pub fn refresh(&mut self, film: &Film, pool: &ThreadPool) {
-        if self.shown == Some((film.state(), STEPS[STEPS.len() - 1])) {
-            self.make_anew((film, false), None, pool);
-            self.refreshes = self.refreshes.wrapping_add(1);
+        let (state, finest) = (film.state(), STEPS[STEPS.len() - 1]);
+        if !self.shown.is_some_and(|(of, step)| step == finest && (of == state || film.samples() > 0)) {
+            return;
         }
+        if self.shown.replace((state, finest)) != Some((state, finest)) {
+            // Nothing of the light before is left in it.
+            self.standings.iter_mut().for_each(|standing| standing.holds_samples = false);
+        }
+        self.make_anew((film, false), None, pool);
+        self.refreshes = self.refreshes.wrapping_add(1);
     }
 
     /// Makes a picture of the finest grid, with the light of the exact samples on `film`; of other tiles those stay as
@@ -295,9 +302,10 @@ impl Display {
     pub fn stand(&mut self, index: u32, state: u32, samples: u32) {
         let standing = &mut self.standings[index as usize];
         let worth = (standing.samples() + samples as f32).min(BEFORE_WORTH_MOST);
-        // What was shown with samples in it is of what they saw.
-        let pixels = if samples > 0 { u64::MAX } else { standing.pixels };
-        *standing = TileWorth { state, holds_samples: samples > 0, pixels, ..*standing }.with(worth);
+        // What was shown with samples in it is of what they saw, however often light changes after that.
+        let holds_samples = samples > 0 || standing.holds_samples;
+        let pixels = if holds_samples { u64::MAX } else { standing.pixels };
+        *standing = TileWorth { state, holds_samples, pixels, ..*standing }.with(worth);
     }
 
     /// Pixels from sample to sample of what is on show; `None` before the first picture.

@@ -21,10 +21,11 @@ impl Coarse {
         self.history = is_kept.then(|| History::new(self.surfaces.len()));
     }
 
-    /// The light on show, of samples at every `step`-th pixel, is from now on that of the picture before.
-    pub(crate) fn remember(&mut self, step: u32) {
-        // Those of a whole picture have been added; what is new there since is known by exact samples alone.
-        if step > KEPT_STEP {
+    /// The light on show, of samples at every `step`-th pixel, is from now on that of the picture before. Where it is
+    /// not of another light, samples that are new are kept in the world.
+    pub(crate) fn remember(&mut self, step: u32, lit_anew: bool) {
+        // Those of the finest grid are added when their picture is made.
+        if step > KEPT_STEP && !lit_anew {
             self.keep_new(step);
         }
         if let Some(history) = &mut self.history {

@@ -32,9 +32,7 @@ impl Coarse {
     pub(crate) fn set_seen(&mut self, seen: &[([u32; 2], LayerPixel)]) -> TileCorners {
         let is_sample = |pixel: &[u32; 2]| pixel.iter().all(|v| v % KEPT_STEP == 0);
         for (pixel, seen) in seen.iter().filter(|(pixel, _)| is_sample(pixel)) {
-            let at = self.place(*pixel);
-            self.surfaces[at] = Surface::new(seen);
-            self.set_key(at, seen);
+            self.see(self.place(*pixel), seen, false);
         }
         let [width, height] = self.resolution;
         let mut corners = TileCorners::default();

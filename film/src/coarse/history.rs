@@ -141,6 +141,11 @@ impl History {
         self.before.step = None;
     }
 
+    /// Nothing of the light on show is that of sample `at` any more.
+    pub(super) fn lose(&mut self, at: usize) {
+        self.now.worths[at] = 0;
+    }
+
     /// What the samples of the picture on show saw, where that is the one before by now.
     pub(super) fn surfaces_on_show(&self) -> Option<&Vec<Surface>> {
         self.shows_before.then_some(&self.before.surfaces)
@@ -178,9 +183,13 @@ impl PictureBefore {
             let [x, y] = [first[0] + f64::from(right), first[1] + f64::from(down)];
             // No number is on no grid.
             let is_on_grid = x >= 0.0 && y >= 0.0 && x < f64::from(size[0]) && y < f64::from(size[1]);
+            if !is_on_grid {
+                continue;
+            }
             let at = (y as usize * pitch + x as usize) * (step / KEPT_STEP) as usize;
-            if is_on_grid && seen.is_same_at(depth as f32, &self.surfaces[at]) {
-                let (before, weight) = (self.shown.get(at), weight_x * weight_y);
+            let before = self.shown.get(at);
+            if before.worth > 0.0 && seen.is_same_at(depth as f32, &self.surfaces[at]) {
+                let weight = weight_x * weight_y;
                 share += weight;
                 light += weight * before.light;
                 worth += weight * before.worth;

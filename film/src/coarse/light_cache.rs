@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! key of a sample -> a bucket of cells -> light over albedo, and how many samples it is worth
-//!                    the least worth makes way
+//!                    the least worth makes way; the others are worth less then
 //! ```
 //!
 //! So what was seen some views ago has its light at once when the camera comes back, which the picture before cannot
@@ -25,6 +25,11 @@ const WORTH_PARTS: f32 = 256.0;
 const TOGETHER: usize = 64;
 /// Cells of a bucket.
 const WAYS: usize = 4;
+/// Most that comes at once: more would leave little of what is kept.
+const ADDED_MOST: f32 = WORTH_MOST / 4.0;
+/// Parts of its worth that a cell loses one of when another of its bucket makes way: so the first views that filled the
+/// bucket make way in time.
+const AGED_PARTS: u16 = 8;
 /// Says that the sample of a key has not been mixed with what is kept.
 const IS_NEW: u64 = 1 << 63;
 
@@ -67,9 +72,10 @@ impl LightCache {
         }
     }
 
-    /// Learns where the light of sample `at` is kept.
-    pub(super) fn set_key(&mut self, at: usize, key: LightKey) {
-        self.keys[at] = if key == LightKey::NONE { 0 } else { key.bits() | IS_NEW };
+    /// Learns where the light of sample `at` is kept, and whether that `is_new`.
+    pub(super) fn set_key(&mut self, at: usize, key: LightKey, is_new: bool) {
+        let new = if is_new { IS_NEW } else { 0 };
+        self.keys[at] = if key == LightKey::NONE { 0 } else { key.bits() | new };
     }
 
     /// Mixes the light of samples that are new with what is kept of pictures before; each is told by its place in
@@ -128,11 +134,11 @@ impl LightCache {
         cell.filter(|_| key & IS_NEW != 0).map(LightCell::worthy_light)
     }
 
-    /// Adds the `light` of exact samples in place of sample `at`.
+    /// Adds the light of exact samples in place of sample `at`.
     pub(super) fn add_exact(&mut self, at: usize, own: WorthyLight) {
         let key = self.keys[at] & !IS_NEW;
         if key != 0 {
-            self.add(key, own);
+            self.add(key, WorthyLight { worth: own.worth.min(ADDED_MOST), ..own });
         }
     }
 
@@ -144,8 +150,10 @@ impl LightCache {
         let at = bucket.iter().position(|cell| cell.tag == tag);
         let kept = at.map(|at| bucket[at].worthy_light());
         let after = kept.map_or(own, |kept| kept.with(own, WORTH_MOST));
-        let least = || (0..WAYS).min_by_key(|&at| bucket[at].worth).expect("a bucket has cells");
-        let at = at.unwrap_or_else(least);
+        let at = at.unwrap_or_else(|| {
+            bucket.iter_mut().for_each(|cell| cell.worth -= cell.worth / AGED_PARTS);
+            (0..WAYS).min_by_key(|&at| bucket[at].worth).expect("a bucket has cells")
+        });
         bucket[at] = LightCell {
             tag,
             light: PackedLight::new(after.light.into()),
@@ -179,7 +187,7 @@ mod tests {
 
     /// Adds the light of sample `at`, of `key`, and gives what was kept before.
     fn add(cache: &mut LightCache, at: usize, key: LightKey, light: f32) -> Option<f32> {
-        cache.set_key(at, key);
+        cache.set_key(at, key, true);
         let kept = cache.kept(at);
         cache.add_new([&[light; 2]; 3], std::iter::once(at));
         assert!(cache.kept(at).is_none(), "it is not new any more");
@@ -199,27 +207,35 @@ mod tests {
         assert!(after.is_sorted() && after[50] > 8.5 && after[199] > 8.95, "{after:?}");
         cache.forget();
         assert_eq!(add(&mut cache, 0, key(0), 1.0), None);
-        cache.set_key(0, LightKey::NONE);
+        cache.set_key(0, LightKey::NONE, true);
         assert!(cache.kept(0).is_none());
     }
 
-    /// The light of one key is never that of another, however many there are; what is worth most stays.
+    /// The light of one key is never that of another, however many there are; what is worth most makes way last, and in
+    /// time all do.
     #[test]
     fn cells_of_little_worth_make_way() {
         let mut cache = LightCache::new(64);
         let light = |index: u32| Vec3::splat(1.0 + index as f32);
-        cache.set_key(0, key(0));
+        cache.set_key(0, key(0), false);
         cache.add_exact(0, WorthyLight { light: light(0), worth: 8.0 });
+        let is_kept = |cache: &mut LightCache| {
+            cache.set_key(0, key(0), true);
+            cache.kept(0).is_some()
+        };
         for index in 1..1000 {
             assert_eq!(add(&mut cache, 1, key(index), light(index).x), None, "{index}");
+            // Of 16 buckets each.
+            assert!(is_kept(&mut cache) || index > 100, "{index}");
         }
-        let found = (0..1000u32).filter(|&index| {
+        assert!(!is_kept(&mut cache));
+        let found = (0..1000u32).rev().filter(|&index| {
             let found = add(&mut cache, 1, key(index), light(index).x);
             assert!(found.is_none_or(|found| (found - light(index).x).abs() < 0.1), "{index}");
             found.is_some()
         });
-        // Those that are asked for take the places of others on the way.
+        // Those that came last, until those that are asked for take the places of others.
         let found: Vec<_> = found.collect();
-        assert!(found[0] == 0 && (2..=64).contains(&found.len()), "{found:?}");
+        assert!(found[0] == 999 && (16..=64).contains(&found.len()), "{found:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::history::WorthyLight;
 use super::light_cache::LightCache;
-use super::{Coarse, KEPT_STEP, SampleGrid, ToldTiles, planes, planes_mut, sample_count};
+use super::{Coarse, KEPT_STEP, SampleGrid, Surface, ToldTiles, planes, planes_mut, sample_count};
 use crate::film::LayerPixel;
 use glam::Vec3;
 use rayon::ThreadPool;
@@ -29,10 +29,16 @@ impl Coarse {
         }
     }
 
-    /// Learns where the light of what sample `at` saw is kept.
-    pub(super) fn set_key(&mut self, at: usize, seen: &LayerPixel) {
+    /// Sample `at` sees something from now on, whose light is kept by its key; it `is_new` where its own light is to be
+    /// mixed with that. Another surface has none of the light that is on show there.
+    pub(super) fn see(&mut self, at: usize, seen: &LayerPixel, is_new: bool) {
+        let surface = Surface::new(seen);
+        let before = std::mem::replace(&mut self.surfaces[at], surface);
         if let Some(cache) = &mut self.cache {
-            cache.set_key(at, seen.light_key);
+            cache.set_key(at, seen.light_key, is_new);
+        }
+        if let Some(history) = self.history.as_mut().filter(|_| !before.is_same(&surface)) {
+            history.lose(at);
         }
     }
 

@@ -72,7 +72,7 @@ impl Display {
     pub fn remember(&mut self, lit_anew: bool) -> bool {
         let is_fresh = std::mem::take(&mut self.is_fresh);
         if let Some((_, step)) = self.shown.filter(|_| is_fresh) {
-            self.coarse.remember(step);
+            self.coarse.remember(step, lit_anew);
         }
         if lit_anew {
             self.coarse.forget_cache();

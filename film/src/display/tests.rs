@@ -45,12 +45,13 @@ fn pixels() -> impl Iterator<Item = [u32; 2]> {
     (0..RESOLUTION[1]).flat_map(|y| (0..RESOLUTION[0]).map(move |x| [x, y]))
 }
 
-/// A slope is its own mean, away from edges.
+/// A display that shows nothing yet.
 fn display(resolution: [u32; 2]) -> Display {
     let lease = Budget::unlimited().lease("the picture on show", Display::bytes(resolution)).unwrap();
     Display::in_lease(resolution, lease)
 }
 
+/// A slope is its own mean, away from edges.
 #[test]
 fn a_slope_stays_a_slope_between_samples() {
     let slope = |[x, y]: [u32; 2]| x as f32 + 10.0 * y as f32;
@@ -141,6 +142,10 @@ fn a_preview_is_worth_nothing_where_exact_samples_saw_something_else() {
         display.stand(0, 8, 1);
         learn(&mut display, |_| other);
         assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH + 1.0);
+        // Light that changes once more, before the tile is taken in that of before.
+        display.stand(0, 9, 0);
+        learn(&mut display, |_| other);
+        assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH + 1.0);
         display.show((9, 2), false, None, &pool(1));
         assert_eq!(display.worth(0, [0, 5]), FIRST_WORTH);
     }
@@ -177,6 +182,38 @@ fn refreshed(preview: LayerPixel, exact: LayerPixel, is_exact: impl Fn(u32) -> b
     }
     (0..5).for_each(|_| display.refresh(&film, &pool(2)));
     display
+}
+
+/// Photons that arrive make another state of the film: once all pixels have a sample in it, the picture is made anew of
+/// those, and not before.
+#[test]
+fn the_picture_is_made_anew_in_light_that_has_changed_by_itself() {
+    let mut display = shown(2, |_| 1.0);
+    let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
+    (0..7).for_each(|_| film.begin_state());
+    let tiles = || (0..tile_count(RESOLUTION)).map(|index| tile(RESOLUTION, index));
+    let take = |film: &mut Film, display: &mut Display, tile: &Tile, light: f32| {
+        film.add(tile, &vec![[light; 3]; tile.pixel_count() as usize]);
+        let saw: Vec<_> = (0..tile.pixel_count()).map(|at| (tile.pixel(at), seen(tile.pixel(at)))).collect();
+        display.learn(tile, &saw);
+    };
+    tiles().for_each(|tile| take(&mut film, &mut display, &tile, 3.0));
+    display.refresh(&film, &pool(2));
+    assert!(display.refreshes() == 1 && display.state() == Some(7));
+    film.begin_state();
+    tiles().for_each(|tile| display.stand(tile.index, film.state(), 1));
+    for tile in tiles() {
+        display.refresh(&film, &pool(2));
+        assert!(
+            display.refreshes() == 1 && (at(&display, tile.first)[0] - 3.0).abs() < 1e-2,
+            "{}",
+            tile.index
+        );
+        take(&mut film, &mut display, &tile, 5.0);
+    }
+    display.refresh(&film, &pool(2));
+    assert!(display.refreshes() == 2 && display.state() == Some(film.state()));
+    assert!(pixels().all(|pixel| (at(&display, pixel)[0] - 5.0).abs() < 1e-2));
 }
 
 /// Tiles 0 and 4 of 6 are exact. What is there is the exact light alone where the preview saw voxels; where it saw

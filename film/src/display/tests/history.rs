@@ -176,6 +176,21 @@ fn light_that_was_another_is_worth_less_the_more_it_has_changed() {
     assert!(shown(0.0) == 0.0);
 }
 
+/// Where an exact sample saw another surface than the preview, the light of that is not what the next picture finds
+/// there: voxels that stood in for mesh shone on as dots along outlines.
+#[test]
+fn light_of_what_exact_samples_replaced_is_not_carried_on() {
+    let [mesh, before] = [5.0, 9.0].map(|depth| LayerPixel { depth, ..seen([0, 0]) });
+    let mut display = with_history();
+    show_moved(&mut display, None, |_| before, |_| 100.0);
+    let tile = tile(RESOLUTION, 0);
+    let saw: Vec<_> = (0..tile.pixel_count()).map(|at| (tile.pixel(at), mesh)).collect();
+    display.learn(&tile, &saw);
+    assert!(display.remember(false));
+    show_moved(&mut display, Some(0.0), |_| mesh, |_| 1.0);
+    assert!((at(&display, [3, 3])[0] - 1.0).abs() < 1e-2, "{:?}", at(&display, [3, 3]));
+}
+
 /// Of the light of before is kept what there is room for, in the ledger and in the plan.
 #[test]
 fn light_of_before_stays_within_what_was_planned() {
