@@ -146,7 +146,7 @@ fn saliency_takes_what_is_leased_for_it() {
 }
 
 /// Film, filter and display take 64 bytes a pixel with all that they can keep, and what is carried from picture to
-/// picture 6 more, light in the world 8, of 96 that they may. The work of the filter on a whole picture took 52 alone.
+/// picture 6 more, light in the world 8. The work of the filter on a whole picture took 52 alone.
 #[test]
 fn a_picture_with_everything_on_takes_64_bytes_a_pixel() {
     for resolution in [[1280, 720], [1920, 1080], [3840, 2160]] {
