@@ -157,9 +157,7 @@ impl Model {
     /// [`Code::MemoryLimit`] with the smallest limit that works; nothing is changed then.
     pub fn make_room(&self, pictures: &[PictureNeeds]) -> Result<()> {
         let _room = self.lock_room();
-        let limit_bytes = self.0.budget.limit_bytes();
-        let plan = |picture| MemoryPlan::new(&self.0.file, &self.0.device.with_needs(picture), limit_bytes);
-        let plans = pictures.iter().map(plan).collect::<Result<Vec<_>>>()?;
+        let plans = self.plans(pictures, self.0.budget.limit_bytes())?;
         let tightest = plans.iter().min_by_key(|plan| plan.frames_bytes + plan.staging_bytes);
         tightest.map_or(Ok(()), |plan| self.0.pool.fit(plan, &self.pool_source()))
     }
@@ -170,10 +168,14 @@ impl Model {
     /// # Errors
     /// [`Code::MemoryLimit`] with the smallest limit that works.
     pub fn kept_light_bytes(&self, pictures: &[PictureNeeds], limit_bytes: Option<u64>) -> Result<u64> {
-        let limit_bytes = limit_bytes.unwrap_or_else(|| self.0.budget.limit_bytes());
+        let plans = self.plans(pictures, limit_bytes.unwrap_or_else(|| self.0.budget.limit_bytes()))?;
+        Ok(plans.iter().map(|plan| plan.kept_light_bytes).min().unwrap_or(0))
+    }
+
+    /// How this limit is shared out for each of `pictures`.
+    fn plans(&self, pictures: &[PictureNeeds], limit_bytes: u64) -> Result<Vec<MemoryPlan>> {
         let plan = |picture| MemoryPlan::new(&self.0.file, &self.0.device.with_needs(picture), limit_bytes);
-        let plans = pictures.iter().map(|picture| Ok(plan(picture)?.kept_light_bytes));
-        Ok(plans.collect::<Result<Vec<_>>>()?.into_iter().min().unwrap_or(0))
+        pictures.iter().map(plan).collect()
     }
 
     /// These options of frames, with the light of before that was planned for the session that was made last.

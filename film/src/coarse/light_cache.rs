@@ -27,8 +27,8 @@ const TOGETHER: usize = 64;
 const WAYS: usize = 4;
 /// Most that comes at once: more would leave little of what is kept.
 const ADDED_MOST: f32 = WORTH_MOST / 4.0;
-/// Parts of its worth that a cell loses one of when another of its bucket makes way: so the first views that filled the
-/// bucket make way in time.
+/// One of so many parts of its worth is what a cell loses when another of its bucket makes way: so the views that
+/// filled the bucket first do not stay for good.
 const AGED_PARTS: u16 = 8;
 /// Says that the sample of a key has not been mixed with what is kept.
 const IS_NEW: u64 = 1 << 63;
