@@ -169,7 +169,9 @@ pub(super) fn decode(bytes: &[u8], n: usize, out: &mut TriangleList) -> Option<(
     let (base, widths) = head.split_at(24);
     let base: [i64; 3] =
         std::array::from_fn(|a| i64::from_le_bytes(base[8 * a..8 * a + 8].try_into().expect("8")));
-    if widths.iter().any(|&width| usize::from(width) > WIDTH_MOST) {
+    let is_sound = base.iter().all(|place| (0..=COORDINATE_MASK).contains(place))
+        && widths.iter().all(|&width| usize::from(width) <= WIDTH_MOST);
+    if !is_sound {
         return None;
     }
     let bytes = n * widths.iter().map(|&width| usize::from(width)).sum::<usize>();
