@@ -12,6 +12,7 @@ mod doctor;
 mod export;
 mod image;
 mod keys;
+mod network;
 mod parts;
 mod render;
 mod shards;
@@ -30,12 +31,14 @@ pub use doctor::DoctorArgs;
 pub use export::ExportArgs;
 pub use image::{ImageArgs, ImageDiffArgs, ImageMergeArgs, ImageVerb, Metric};
 pub use keys::{STRESS_RESOLUTION, words as key_words};
+pub use network::{CachedNetworkArgs, NetworkArgs};
 pub use parts::PartArgs;
 pub use render::{DeadlineArgs, Layer, PictureArgs, RenderArgs};
 pub use shards::{MergeArgs, ScanArgs};
 use std::ffi::OsString;
 use std::path::Path;
 pub use stress::StressArgs;
+use trex_store::io::NetworkOptions;
 pub use view::ViewArgs;
 pub use volume::{RawArgs, VolumeArgs};
 
@@ -142,6 +145,19 @@ impl Verb {
             Verb::Doctor(args) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Merge(args) }) => &args.common,
+        }
+    }
+
+    /// How servers are asked; what nobody typed is as it is by default.
+    pub fn network(&self) -> NetworkOptions {
+        match self {
+            Verb::Info(args) => args.network.options(),
+            Verb::Verify(args) => args.network.options(),
+            Verb::Export(args) => args.network.options(),
+            Verb::Render(args) => args.network.options(),
+            Verb::View(args) => args.network.options(),
+            Verb::Stress(args) => args.network.options(),
+            _ => NetworkOptions::default(),
         }
     }
 

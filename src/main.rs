@@ -54,6 +54,7 @@ fn run() -> Exit {
     failure::install_panic_hook(output.clone());
     log::install(common, &console);
 
+    trex_store::io::set_network_options(cli.verb.network());
     let context = Context::new(&cli.verb, console.clone(), output.clone());
     if let Err(error) = context.listen_for_signals() {
         tracing::warn!("Ctrl-C may end trex at once, without cleaning up: {error}");

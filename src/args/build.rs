@@ -1,6 +1,6 @@
 //! The command line of `trex build`, `trex info` and `trex verify`.
 
-use super::{CommonArgs, OverwriteArgs, RawArgs, ScratchArgs, VolumeArgs};
+use super::{CachedNetworkArgs, CommonArgs, NetworkArgs, OverwriteArgs, RawArgs, ScratchArgs, VolumeArgs};
 use crate::values::{self, Bytes, Input, ShardNumber};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -165,13 +165,15 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_INFO)]
 pub struct InfoArgs {
-    /// A page file, also at an http(s):// address, a mesh (.ply, .obj, .stl, .gltf, .glb or gen:KIND:COUNT), a volume
-    /// (.nrrd, .nhdr, .mhd, .mha or .raw), a part of a picture (.trexpart), or a folder or an output with unfinished
-    /// builds
+    /// A page file, also at an http(s):// or s3:// address, a mesh (.ply, .obj, .stl, .gltf, .glb or
+    /// gen:KIND:COUNT), a volume (.nrrd, .nhdr, .mhd, .mha or .raw), a part of a picture (.trexpart), or a folder or an
+    /// output with unfinished builds
     #[arg(value_name = "FILE", value_parser = OsStringValueParser::new().map(Input::from))]
     pub input: Input,
     #[command(flatten)]
     pub raw: RawArgs,
+    #[command(flatten)]
+    pub network: CachedNetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -185,7 +187,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_VERIFY)]
 pub struct VerifyArgs {
-    /// The page file
+    /// The page file, also at an http(s):// or s3:// address; of it nothing is kept
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Check the structure only: superblocks, tables, ranges; pages are not read
@@ -197,6 +199,8 @@ pub struct VerifyArgs {
     /// Most bytes to read in a second, with their unit (50MB); as fast as it goes without
     #[arg(long, value_name = "BYTES/S", value_parser = values::rate)]
     pub rate: Option<values::Bytes>,
+    #[command(flatten)]
+    pub network: NetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }

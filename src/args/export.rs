@@ -1,6 +1,6 @@
 //! The command line of `trex export`.
 
-use super::{CommonArgs, OverwriteArgs};
+use super::{CachedNetworkArgs, CommonArgs, OverwriteArgs};
 use crate::values::{self, ModelBox};
 use clap::Args;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_EXPORT)]
 pub struct ExportArgs {
-    /// The page file
+    /// The page file, also at an http(s):// or s3:// address
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The mesh; its ending chooses the format: .ply (binary), .obj with its .mtl, .glb, or .stl (binary)
@@ -23,6 +23,8 @@ pub struct ExportArgs {
     pub material: Vec<String>,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
+    #[command(flatten)]
+    pub network: CachedNetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }

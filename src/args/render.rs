@@ -1,7 +1,7 @@
 //! The command line of `trex render`, and of the pictures that `trex stress` makes.
 
 use super::keys::{PICTURE, PictureKeys, RESEARCH, ResearchKeys};
-use super::{CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs, PartArgs};
+use super::{CachedNetworkArgs, CommonArgs, DeviceArgs, DiskArgs, OverwriteArgs, PartArgs};
 use crate::values::{self, Milliseconds, SampleRange, Seconds, TileShare, Vec3};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use trex_render::{FetchBlock, FrameOptions, Saliency, Scene, TileOrder};
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_RENDER)]
 pub struct RenderArgs {
-    /// A page file, also at an http(s):// address, or a scene (.toml) that names one
+    /// A page file, also at an http(s):// or s3:// address, or a scene (.toml) that names one
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The picture: .png, or .exr for linear values and layers; of a part, .trexpart
@@ -48,6 +48,8 @@ pub struct RenderArgs {
     pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
+    #[command(flatten)]
+    pub network: CachedNetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]

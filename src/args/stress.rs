@@ -1,7 +1,9 @@
 //! The command line of `trex stress`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, keys};
+use super::{
+    CachedNetworkArgs, CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, keys,
+};
 use crate::values::{self, Milliseconds};
 use clap::Args;
 use std::path::PathBuf;
@@ -11,7 +13,7 @@ use trex_bench::stress::{Requirement, Scenario};
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_STRESS)]
 pub struct StressArgs {
-    /// A page file, also at an http(s):// address, or a scene (.toml) that names one
+    /// A page file, also at an http(s):// or s3:// address, or a scene (.toml) that names one
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// What is done to it
@@ -57,6 +59,8 @@ pub struct StressArgs {
     pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
+    #[command(flatten)]
+    pub network: CachedNetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]

@@ -1,7 +1,9 @@
 //! The command line of `trex view`.
 
 use super::keys::ResearchKeys;
-use super::{CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, VolumeArgs};
+use super::{
+    CachedNetworkArgs, CommonArgs, DeadlineArgs, DeviceArgs, DiskArgs, PictureArgs, ScratchArgs, VolumeArgs,
+};
 use clap::Args;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -10,9 +12,9 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_VIEW)]
 pub struct ViewArgs {
-    /// A page file, also at an http(s):// address, or a scene (.toml) that names one; or a mesh (.ply, .obj, .stl,
-    /// .gltf, .glb), a volume with --iso (.nrrd, .nhdr, .mhd, .mha, .raw) or a generator (gen:KIND:COUNT), which is
-    /// built first
+    /// A page file, also at an http(s):// or s3:// address, or a scene (.toml) that names one; or a mesh (.ply, .obj,
+    /// .stl, .gltf, .glb), a volume with --iso (.nrrd, .nhdr, .mhd, .mha, .raw) or a generator (gen:KIND:COUNT), which
+    /// is built first
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Where a mesh is built [default: FILE.trex, beside it]
@@ -46,6 +48,8 @@ pub struct ViewArgs {
     pub device: DeviceArgs,
     #[command(flatten)]
     pub disk: DiskArgs,
+    #[command(flatten)]
+    pub network: CachedNetworkArgs,
     #[command(flatten)]
     pub common: CommonArgs,
     #[command(flatten)]

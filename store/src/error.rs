@@ -7,7 +7,7 @@
 
 use crate::next_step::{NextStep, Setting};
 use crate::printable::one_line;
-use crate::url::is_url;
+use crate::url::{is_s3, is_url};
 use rustix::io::Errno;
 use std::fmt;
 use std::path::Path;
@@ -196,6 +196,10 @@ impl Error {
             ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::InvalidFilename => {
                 (Code::InputUnreadable, "check the spelling of the path".into())
             }
+            ErrorKind::PermissionDenied if is_s3(path) => (
+                Code::InputUnreadable,
+                "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY of somebody who may read it".into(),
+            ),
             ErrorKind::PermissionDenied => {
                 (Code::InputUnreadable, "check the permissions of the path".into())
             }

@@ -1,11 +1,13 @@
 //! Page files behind HTTP: the same answers as from a disk, and a clear error or the right picture whatever the server
 //! does.
 
+#[allow(dead_code, reason = "what stalls is tested where bounds are short, beside the client")]
 mod server;
+mod tls;
 
-use crate::command::{document_in, folder, hash_of, run_in};
+use crate::command::{document_in, folder, hash_of, ran, run_in, trex_in};
 use crate::fixtures::built_in;
-use server::{Manners, Server};
+use server::{Manners, Server, Wire};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -118,6 +120,7 @@ fn what_a_server_does_for_good_is_told() {
         (Manners::Closed, "io", 7),
         (Manners::Short, "io", 7),
         (Manners::Long, "io", 7),
+        (Manners::Endless, "io", 7),
         (Manners::OtherRange, "io", 7),
     ] {
         let server = Server::of(&path, move |_| bad);
@@ -144,4 +147,145 @@ fn an_address_without_a_server_or_with_a_password_is_told() {
     let told = ran.expect_error(2, "usage");
     // The line that was typed stands in the document; what is told does not repeat the password.
     assert!(!told["where"].as_str().unwrap().contains("secret"), "{told:#}");
+}
+
+/// What was read once comes from the disk the second time; where that was damaged, from the server again.
+#[test]
+fn what_is_kept_on_disk_is_not_asked_for_again() {
+    let inside = folder();
+    built_in(inside.path(), MODEL, "model.trex");
+    let known = picture(inside.path(), "model.trex", "256MiB");
+    let server = Server::of(&inside.path().join("model.trex"), |_| Manners::Good);
+    let counts = || (server.requests(), server.sent_bytes());
+    let file = format!("{} --cache-dir kept", server.url);
+    let look = || {
+        let before = counts();
+        assert_eq!(picture(inside.path(), &file, "256MiB"), known);
+        let after = counts();
+        [after.0 - before.0, after.1 - before.1]
+    };
+    let [first, second] = [look(), look()];
+    // The version is asked for each time that the file is opened: for its sizes, and to be read.
+    assert!(second[0] <= 2 && second[1] <= 128 << 10 && second[1] < first[1], "{first:?}, {second:?}");
+    // A bit in every 500 bytes of what is kept, behind the lists.
+    let places: Vec<_> = std::fs::read_dir(inside.path().join("kept")).unwrap().collect();
+    assert_eq!(places.len(), 1);
+    let segment = places[0].as_ref().unwrap().path().join("0.segment");
+    let mut bytes = std::fs::read(&segment).unwrap();
+    bytes.iter_mut().skip(16 << 10).step_by(500).for_each(|byte| *byte ^= 4);
+    std::fs::write(&segment, bytes).unwrap();
+    assert!(look()[0] > 2, "what is damaged is asked for again");
+    assert_eq!(look(), second, "and kept anew");
+    // Of what was verified nothing is kept, and nothing that is kept counts.
+    let before = counts();
+    document_in(inside.path(), &format!("verify {}", server.url));
+    assert!(counts().1 - before.1 >= inside.path().join("model.trex").metadata().unwrap().len() as usize);
+    // A folder that cannot be written costs the cache, and no picture.
+    std::fs::write(inside.path().join("taken"), "").unwrap();
+    let file = format!("{} --cache-dir taken", server.url);
+    assert_eq!(picture(inside.path(), &file, "256MiB"), known);
+    let ran = run_in(inside.path(), &format!("render {file} -o p.png {PICTURE} --progress plain"));
+    assert!(ran.stderr.contains("nothing more is kept in taken"), "{}", ran.stderr);
+}
+
+/// A cache that holds less than a picture needs stays below its limit.
+#[test]
+fn a_small_cache_stays_small() {
+    let inside = folder();
+    built_in(inside.path(), MODEL, "model.trex");
+    let known = picture(inside.path(), "model.trex", "256MiB");
+    let server = Server::of(&inside.path().join("model.trex"), |_| Manners::Good);
+    let file = format!("{} --cache-dir kept --cache-limit 100KiB", server.url);
+    assert_eq!(picture(inside.path(), &file, "256MiB"), known);
+    let place = std::fs::read_dir(inside.path().join("kept")).unwrap().next();
+    let segments = place.map(|place| std::fs::read_dir(place.unwrap().path()).unwrap());
+    let used: u64 = segments.into_iter().flatten().map(|file| file.unwrap().metadata().unwrap().len()).sum();
+    assert!(used <= 200 << 10, "{used} bytes");
+}
+
+/// Over a wire of 30 ms, pages come many at a time.
+#[test]
+fn a_long_wire_is_waited_for_a_few_times() {
+    let inside = folder();
+    built_in(inside.path(), MODEL, "model.trex");
+    let wire = Wire { round_trip: std::time::Duration::from_millis(30), bytes_per_second: 50 << 20 };
+    let wrap = Box::new(|stream| Box::new(stream) as Box<dyn server::Connection>);
+    let server = Server::over(&inside.path().join("model.trex"), |_| Manners::Good, wire, wrap);
+    let known = picture(inside.path(), "model.trex", "256MiB");
+    assert_eq!(picture(inside.path(), &server.url, "256MiB"), known);
+    // Pages that lie side by side come with one request.
+    let pages = document_in(inside.path(), "info model.trex")["page_count"].as_u64().unwrap() as usize;
+    assert!(server.requests() <= pages, "{} requests for {pages} pages", server.requests());
+}
+
+/// A server for which nobody of Mozilla's list vouches is asked where its own certificate is named, and refused
+/// elsewhere.
+#[test]
+fn certificates_of_ones_own_are_taken_from_a_file() {
+    let inside = folder();
+    built_in(inside.path(), MODEL, "model.trex");
+    let (wrap, pem) = tls::certified();
+    std::fs::write(inside.path().join("ca.pem"), pem).unwrap();
+    std::fs::write(inside.path().join("none.pem"), "no certificate").unwrap();
+    let server = Server::over(&inside.path().join("model.trex"), |_| Manners::Good, Wire::default(), wrap);
+    let url = format!("https://localhost:{}/model.trex", server.host.rsplit(':').next().unwrap());
+    let known = picture(inside.path(), "model.trex", "256MiB");
+    assert_eq!(picture(inside.path(), &format!("{url} --ca-file ca.pem"), "256MiB"), known);
+    for (flags, exit, code) in [
+        ("", 3, "input-unreadable"),
+        (" --ca-file none.pem", 3, "input-format"),
+        (" --ca-file absent.pem", 3, "input-unreadable"),
+    ] {
+        run_in(inside.path(), &format!("info {url}{flags} --json")).expect_error(exit, code);
+    }
+}
+
+/// Addresses of S3 are signed with what the environment has, and nothing of that is told.
+#[test]
+fn objects_of_s3_are_asked_for_with_a_signature() {
+    let inside = folder();
+    built_in(inside.path(), MODEL, "model.trex");
+    let known = document_in(inside.path(), "info model.trex")["triangle_count"].clone();
+    let info = |server: &Server, keys: bool, line: &str| {
+        let mut command = trex_in(inside.path(), &format!("info s3://models/a%20b/{line} --json -vv"));
+        command.env("AWS_ENDPOINT_URL", format!("http://{}", server.host));
+        for name in [
+            "AWS_ACCESS_KEY_ID",
+            "AWS_SECRET_ACCESS_KEY",
+            "AWS_SESSION_TOKEN",
+            "AWS_ENDPOINT_URL_S3",
+            "AWS_REGION",
+        ] {
+            command.env_remove(name);
+        }
+        if keys {
+            command.env("AWS_ACCESS_KEY_ID", "AKIDEXAMPLE").env("AWS_SECRET_ACCESS_KEY", "verysecret");
+            command.env("AWS_SESSION_TOKEN", "atoken");
+        }
+        let ran = ran(line, command.output().unwrap());
+        for word in ["verysecret", "atoken", "AKIDEXAMPLE", "X-Amz"] {
+            assert!(!ran.stdout.contains(word) && !ran.stderr.contains(word), "{word}: {}", ran.stderr);
+        }
+        ran
+    };
+    let path = inside.path().join("model.trex");
+    let server = Server::of(&path, |_| Manners::Good);
+    assert_eq!(info(&server, true, "model.trex").document()["triangle_count"], known);
+    let asked = server.asked();
+    assert!(asked.starts_with("/models/a%2520b/model.trex?"), "{asked}");
+    for word in ["X-Amz-Signature=", "X-Amz-Credential=AKIDEXAMPLE", "X-Amz-Security-Token=atoken"] {
+        assert!(asked.contains(word), "{asked}");
+    }
+    assert!(!asked.contains("verysecret"), "{asked}");
+    assert_eq!(info(&server, false, "model.trex").document()["triangle_count"], known);
+    assert_eq!(server.asked(), "/models/a%2520b/model.trex", "an open bucket is asked without");
+    // Credentials are sent to nobody that the server names.
+    let server = Server::of(&path, |_| Manners::Elsewhere);
+    info(&server, true, "model.trex").expect_error(3, "input-unreadable");
+    assert!(server.asked().contains("X-Amz"), "nothing came after the first request: {}", server.asked());
+    let server = Server::of(&path, |_| Manners::Forbidden);
+    let told = info(&server, false, "model.trex").expect_error(3, "input-unreadable");
+    assert!(told["next_step"].as_str().unwrap().contains("AWS_ACCESS_KEY_ID"), "{told:#}");
+    run_in(inside.path(), "info s3://models --json").expect_error(2, "usage");
+    run_in(inside.path(), "info s3://models/x --s3-endpoint ftp://host --json").expect_error(2, "usage");
 }

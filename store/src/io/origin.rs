@@ -1,8 +1,8 @@
 //! `Origin`: where the bytes of a page file are: in a file of this machine, or behind HTTP.
 //!
 //! ```text
-//! path: https://host/x.trex, http://.. -> ranges of it, one version of it (`http`)
-//!       any other                      -> a regular file
+//! path: https://host/x.trex, http://.., s3://.. -> ranges of it, one version of it (`http`)
+//!       any other                               -> a regular file
 //! ```
 //!
 //! Invariants: 1. all bytes of an origin are those of one file, or of one version of what the server has: what has
@@ -143,7 +143,7 @@ impl Origin {
         match self {
             Origin::File(file) => drop_cached(file, offset, bytes),
             #[cfg(feature = "http")]
-            Origin::Http(file) => file.forget_all(),
+            Origin::Http(file) => file.forget_all(offset, bytes),
         }
     }
 

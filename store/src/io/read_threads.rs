@@ -12,6 +12,9 @@ use std::thread::JoinHandle;
 /// Reads what is asked for, and says how many bytes came.
 type ReadCall = Box<dyn Fn(&mut RawRead) -> std::io::Result<usize> + Send + Sync>;
 
+/// Says what went wrong since the file was opened, if anything did.
+type NoticeCall = Box<dyn Fn() -> Option<String> + Send>;
+
 /// What reads, and the threads that it is called from.
 pub(super) struct ThreadsSetup {
     pub(super) description: IoDescription,
@@ -22,7 +25,11 @@ pub(super) struct ThreadsSetup {
     pub(super) threads: usize,
     /// What a call needs.
     pub(super) stack_bytes: usize,
+    /// See [`Backend::gap_max_bytes`].
+    pub(super) gap_max_bytes: u64,
     pub(super) read: ReadCall,
+    /// One line for people, once something went wrong that ends no read.
+    pub(super) notice: NoticeCall,
 }
 
 /// Reads with a pool of threads.
@@ -32,6 +39,8 @@ pub struct ReadThreads {
     depth: usize,
     in_flight: usize,
     align_bytes: usize,
+    gap_max_bytes: u64,
+    notice: NoticeCall,
     pub(super) description: IoDescription,
 }
 
@@ -51,7 +60,16 @@ struct Queues {
 impl ReadThreads {
     /// Starts the threads, named after the backend.
     pub(super) fn new(setup: ThreadsSetup) -> ReadThreads {
-        let ThreadsSetup { description, align_bytes, depth, threads, stack_bytes, read } = setup;
+        let ThreadsSetup {
+            description,
+            align_bytes,
+            depth,
+            threads,
+            stack_bytes,
+            gap_max_bytes,
+            read,
+            notice,
+        } = setup;
         let queues =
             Queues { waiting: VecDeque::with_capacity(depth), done: Vec::with_capacity(depth), stop: false };
         let shared = Arc::new(ThreadsState {
@@ -67,7 +85,7 @@ impl ReadThreads {
         };
         // As many as the system gives; with none, the caller reads.
         let threads = (0..threads.clamp(1, depth)).map_while(start).collect();
-        ReadThreads { shared, threads, depth, in_flight: 0, align_bytes, description }
+        ReadThreads { shared, threads, depth, in_flight: 0, align_bytes, gap_max_bytes, notice, description }
     }
 }
 
@@ -104,6 +122,10 @@ impl Backend for ReadThreads {
         self.align_bytes
     }
 
+    fn gap_max_bytes(&self) -> u64 {
+        self.gap_max_bytes
+    }
+
     fn depth(&self) -> usize {
         self.depth
     }
@@ -132,6 +154,10 @@ impl Backend for ReadThreads {
         }
         self.in_flight -= queues.done.len();
         done.append(&mut queues.done);
+        drop(queues);
+        if self.description.notice.is_none() {
+            self.description.notice = (self.notice)();
+        }
     }
 }
 

@@ -22,7 +22,7 @@ impl Source {
 /// Which backend runs, and why: for `-v` and JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct IoDescription {
-    /// `uring`, `pread`, `mmap`, `memory`; `fault+NAME` in tests.
+    /// `uring`, `pread`, `mmap`, `http`, `s3`, `memory`; `fault+NAME` in tests.
     pub backend: String,
     /// True when reads go past the page cache.
     pub direct: bool,

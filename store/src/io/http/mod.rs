@@ -3,7 +3,8 @@
 //! ```text
 //! open       the last 64 KiB: length, version (ETag or date), the superblock
 //! tables     ranges side by side, each a piece of at most 512 KiB
-//! pages      a range each, from threads that stay connected (`ReadThreads`)
+//! pages      ranges of one page or of several, from threads that stay connected (`ReadThreads`)
+//!            what `RangeCache` has is read from there, where there is one
 //! ```
 //!
 //! Invariants
@@ -11,16 +12,22 @@
 //!    of another version or length is an error.
 //! 2. Nothing is taken but the range that was asked for: a longer, shorter or other one is an error.
 //! 3. Each request ends: connecting, waiting and reading have bounds, and so has the count of tries.
-//! 4. No password is sent: an address that holds one is refused, and what is told of a place is its address.
+//! 4. No password is told: an address that holds one is refused, and what is told of a place is what the user wrote.
+//! 5. What is kept on this machine's disk is asked for only after the server has said which version it has.
 
+mod address;
+mod cache;
 mod parts;
 mod request;
 
+use super::network::network_options;
 use super::read_threads::{ReadThreads, ThreadsSetup};
-use super::{IoDescription, IoOptions};
-use crate::error::{Code, Error, Result};
+use super::{IoDescription, IoOptions, RawRead};
+use crate::error::{Error, Result};
+use address::Address;
+use cache::RangeCache;
 use parts::{FetchedParts, KEPT_BYTES_MAX};
-use request::{Client, Version};
+use request::{Client, TimeBounds, Version};
 use std::io;
 use std::ops::Range;
 use std::path::Path;
@@ -37,6 +44,8 @@ const PIECE_BYTES: usize = 512 << 10;
 const CONNECTIONS: usize = 32;
 /// Stack of a thread that asks: it shakes hands by TLS, too.
 const STACK_BYTES: usize = 512 << 10;
+/// Bytes between two pages that are got and thrown away to save a request: see docs/http.md for what was measured.
+const GAP_MAX_BYTES: u64 = 64 << 10;
 /// Times that a request is made: what fails by the network may be well the next time.
 const TRIES: u32 = 3;
 
@@ -45,6 +54,8 @@ pub struct HttpFile {
     client: Client,
     version: Version,
     parts: FetchedParts,
+    /// None where nothing is kept, or the server does not tell versions apart.
+    cache: Option<RangeCache>,
 }
 
 impl HttpFile {
@@ -52,29 +63,23 @@ impl HttpFile {
     /// ahead of those who read from the beginning to the end.
     pub(super) const CONNECTIONS_BYTES: u64 = CONNECTIONS as u64 * (160 << 10) + TAIL_BYTES + RUN_BYTES;
 
-    /// Asks the server for the end of it.
+    /// Asks the server for the end of it, as the process's [`super::NetworkOptions`] say.
     ///
     /// # Errors
-    /// [`Code::Usage`] for an address with a password; [`Code::InputUnreadable`] where nothing is there, or no ranges
-    /// are given; [`Code::Io`].
+    /// [`Code::Usage`](crate::Code::Usage) for an address with a password, or one that is none;
+    /// [`Code::InputUnreadable`](crate::Code::InputUnreadable) where nothing is there, or no ranges are given;
+    /// [`Code::Io`](crate::Code::Io).
     pub(super) fn open(path: &Path) -> Result<HttpFile> {
-        let url = path.to_str().ok_or_else(|| {
-            Error::new(Code::Usage, "this address is no text")
-                .at(path)
-                .next("write it in letters that the web knows")
-        })?;
-        let host = url.split("//").nth(1).and_then(|rest| rest.split(['/', '?', '#']).next());
-        if host.is_none_or(|host| host.is_empty() || host.contains('@')) {
-            return Err(Error::new(Code::Usage, "this address cannot be used")
-                .at_place(url.split('@').next_back().unwrap_or_default())
-                .next("write https://HOST/PATH: no name and no password stand in it"));
-        }
+        let options = network_options();
+        let address = Address::new(path, &options.s3)?;
+        let client = Client::new(address, CONNECTIONS, TimeBounds::USUAL, &options)?;
         let failed = |error: io::Error| Error::io("open", path, &error);
-        let client = Client::new(url, CONNECTIONS);
         let (version, tail) = again(|| client.tail(TAIL_BYTES)).map_err(failed)?;
         let parts = FetchedParts::default();
         parts.keep(version.length - tail.len() as u64, tail);
-        Ok(HttpFile { client, version, parts })
+        let cache = options.cache.as_ref().zip(version.text());
+        let cache = cache.map(|(cache, version)| RangeCache::new(cache, &client.address().name(), &version));
+        Ok(HttpFile { client, version, parts, cache })
     }
 
     /// Length, bytes.
@@ -93,8 +98,37 @@ impl HttpFile {
         let pieces = out.chunks_mut(PIECE_BYTES).enumerate();
         side_by_side(pieces.collect(), |(index, piece)| {
             let from = offset + (index * PIECE_BYTES) as u64;
-            again(|| self.client.range(&self.version, from, piece))
+            if self.is_cached(piece, from) {
+                return Ok(());
+            }
+            again(|| self.client.range(&self.version, from, piece))?;
+            self.cache(piece, from);
+            Ok(())
         })
+    }
+
+    /// True where the cache had all of these bytes; they are in `out` then.
+    fn is_cached(&self, out: &mut [u8], offset: u64) -> bool {
+        self.cache.as_ref().is_some_and(|cache| cache.read(out, offset))
+    }
+
+    /// Keeps what the server gave.
+    fn cache(&self, bytes: &[u8], offset: u64) {
+        if let Some(cache) = &self.cache {
+            cache.keep(bytes, offset);
+        }
+    }
+
+    /// One read of a page or of several, by one try.
+    fn read_once(&self, read: &mut RawRead) -> io::Result<usize> {
+        let (offset, bytes) = (read.offset, read.bytes);
+        let left = self.version.length.saturating_sub(offset).min(bytes as u64) as usize;
+        let out = &mut read.target()[..left];
+        if left > 0 && !self.is_cached(out, offset) {
+            self.client.range(&self.version, offset, out).inspect_err(|_| pause(0))?;
+            self.cache(out, offset);
+        }
+        Ok(left)
     }
 
     /// True where so many bytes from `offset` on were got ahead.
@@ -124,30 +158,32 @@ impl HttpFile {
         self.parts.forget();
     }
 
-    /// What was got ahead is asked for again.
-    pub(super) fn forget_all(&self) {
+    /// What was got ahead is asked for again, and these bytes of what is kept on disk.
+    pub(super) fn forget_all(&self, offset: u64, bytes: u64) {
         self.parts.forget_all();
+        if let Some(cache) = &self.cache {
+            cache.forget(offset, bytes);
+        }
     }
 
     /// The backend: a range a read. [`super::Reader`] reads again what fails.
     pub(super) fn threads(self: &Arc<HttpFile>, options: &IoOptions) -> ReadThreads {
-        let file = Arc::clone(self);
-        let reason = "the file is behind an address of the web".to_owned();
+        let reason = match &self.cache {
+            None => "the file is behind an address of the web".to_owned(),
+            Some(cache) => {
+                format!("the file is behind an address of the web, and kept in {}", cache.folder())
+            }
+        };
+        let (file, told) = (Arc::clone(self), Arc::clone(self));
         ReadThreads::new(ThreadsSetup {
-            description: IoDescription::new("http", false, reason),
+            description: IoDescription::new(self.client.address().backend_name(), false, reason),
             align_bytes: 1,
             depth: options.depth,
             threads: CONNECTIONS,
             stack_bytes: STACK_BYTES,
-            read: Box::new(move |read| {
-                let (offset, bytes) = (read.offset, read.bytes);
-                let left = file.version.length.saturating_sub(offset).min(bytes as u64) as usize;
-                if left == 0 {
-                    return Ok(0);
-                }
-                let tried = file.client.range(&file.version, offset, &mut read.target()[..left]);
-                tried.map(|()| left).inspect_err(|_| pause(0))
-            }),
+            gap_max_bytes: GAP_MAX_BYTES,
+            read: Box::new(move |read| file.read_once(read)),
+            notice: Box::new(move || told.cache.as_ref().and_then(RangeCache::trouble)),
         })
     }
 }
