@@ -35,8 +35,12 @@ fn seeds() -> PathBuf {
 
 /// The seeds of a target, in the order of their names.
 fn seeds_of(target: &str) -> Vec<(String, Vec<u8>)> {
-    let folder = seeds().join(target);
-    let entries = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    files_of(&seeds().join(target))
+}
+
+/// Names and contents of the files of a folder, in the order of their names.
+fn files_of(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names.into_iter().map(|name| (name.clone(), fs::read(folder.join(name)).unwrap())).collect()
@@ -260,6 +264,21 @@ fn scenes() {
 #[test]
 fn views() {
     check("views");
+}
+
+/// Inputs that failed once.
+#[test]
+fn what_was_found_stays_mended() {
+    let found = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/found");
+    let mut count = 0;
+    for (name, body) in targets::TARGETS.iter().filter(|(name, _)| found.join(name).exists()) {
+        for (file, bytes) in files_of(&found.join(name)) {
+            run((name, *body), &file, &bytes).unwrap();
+            count += 1;
+        }
+    }
+    let targets = fs::read_dir(&found).unwrap().count();
+    assert!(count >= targets && targets > 0, "a folder of {} is of no target", found.display());
 }
 
 #[test]

@@ -35,7 +35,7 @@ use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::run_writer::RunWriter;
 use crate::build::scratch::{Scratch, TriangleList};
 use crate::cluster::Colour;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
 use batches::{BATCHES, for_each_batch};
@@ -119,14 +119,15 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     let (mut sorter, grid) = match start {
         SortStart::New { scan, grid, place } => {
             let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
-            (Sorter { scan, again: None, snapped: SnapSummary::new(&scan, &grid), cells, journal }, grid)
+            let snapped = SnapSummary::new(&scan, &grid);
+            (Sorter { scan, is_resumed: false, again: None, snapped, cells, journal }, grid)
         }
         SortStart::Resumed(checkpoint) => {
             let SortCheckpoint { scan, grid, prefix, snapped, scratch, runs } = *checkpoint;
             let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
             cells.restore(runs);
             let again = Some(prefix).filter(|prefix| prefix.triangle_count > 0);
-            (Sorter { scan, again, snapped, cells, journal }, grid)
+            (Sorter { scan, is_resumed: true, again, snapped, cells, journal }, grid)
         }
     };
     let scan = sorter.scan;
@@ -210,6 +211,8 @@ impl SortMemory {
 /// Triangles on their way into cells.
 struct Sorter<'a> {
     scan: Scan,
+    /// True where the scan is of a build before this.
+    is_resumed: bool,
     /// What is in the cells since a build before this: it is read again, and compared.
     again: Option<Prefix>,
     snapped: SnapSummary,
@@ -233,13 +236,24 @@ impl Sorter<'_> {
         let waited = for_each_batch(source, options, |batch| {
             snapper.hash(batch)?;
             match self.again {
-                None => snapper.snap_all(batch, &mut self.snapped, &mut self.cells)?,
+                None => self.snap(batch, snapper)?,
                 Some(prefix) => self.compare(prefix, snapper)?,
             }
             report(snapper.read);
             if self.again.is_none() { self.record(snapper, options) } else { Ok(()) }
         })?;
         self.again.map_or(Ok(waited), |prefix| Err(self.changed(prefix)))
+    }
+
+    /// Snaps a batch into cells. What lies outside of a scan of a build before this is of another input than that.
+    fn snap(&mut self, batch: &TriangleBatch, snapper: &Snapper) -> Result<()> {
+        let snapped = snapper.snap_all(batch, &mut self.snapped, &mut self.cells);
+        snapped.map_err(|error| match &mut self.journal {
+            Some(journal) if self.is_resumed && error.code() == Code::InputFormat => {
+                journal.refuse(error.numbers_text().to_owned())
+            }
+            _ => error,
+        })
     }
 
     /// Records how far it is, where that is due.
