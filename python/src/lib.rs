@@ -5,13 +5,14 @@
 //! interpreter free. Nothing here is public API of its own.
 //!
 //! Floors: each imports those before it alone: `errors`, `detached`, `rays`, `picture`, `live`, `viewer`,
-//! `spool`, `file_work`, `model`.
+//! `spool`, `file_work`, `model`, `network`.
 
 mod detached;
 mod errors;
 mod file_work;
 mod live;
 mod model;
+mod network;
 mod picture;
 mod rays;
 mod spool;
@@ -30,6 +31,8 @@ mod _trex {
     use super::live::NativeLive;
     #[pymodule_export]
     use super::model::NativeModel;
+    #[pymodule_export]
+    use super::network::set_network;
     #[pymodule_export]
     use super::spool::NativeSpool;
     #[pymodule_export]

@@ -10,6 +10,7 @@
 from ._files import build, info, verify
 from ._live import Frame, Live
 from ._model import AllHits, Hits, Model, Triangles, open
+from ._network import network
 from ._viewer import Viewer, view
 from .errors import TrexError
 
@@ -24,6 +25,7 @@ __all__ = [
     "Viewer",
     "build",
     "info",
+    "network",
     "open",
     "verify",
     "view",

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from . import _trex
+from . import _network, _trex
 from ._arguments import Mesh, Path, bytes_of, mesh_arrays, thread_count
 from ._progress import ProgressArgument, receiver
 from .errors import UsageError
@@ -109,6 +109,7 @@ def _voxels(voxels: bool | int | tuple[int, int]) -> tuple[int, int] | None:
 
 def info(path: Path) -> dict[str, Any]:
     """What a page file (.trex) or a mesh file holds, from its tables or its header alone."""
+    _network.apply()
     return json.loads(_trex.info(os.fspath(path)))
 
 
@@ -124,6 +125,8 @@ def verify(
     Returns a dict whose ``verdict`` is ``"clean"`` or ``"damaged"``, with ``damage_count`` and the first thousand of
     ``damage``: damage is an answer, no exception.
     """
+    # What the server has is looked at, not what is kept of it.
+    _network.apply(is_cached=False)
     with receiver(progress) as called:
         text = _trex.verify(os.fspath(path), level, bytes_of(memory_limit, "memory_limit"), called)
     found = json.loads(text)

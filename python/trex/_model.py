@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from . import _trex
+from . import _network, _trex
 from ._arguments import Path, bytes_of, ray_arrays, thread_count, triangle_ids
 from ._live import Live
 from ._progress import ProgressArgument, receiver
@@ -70,7 +70,7 @@ class Triangles(NamedTuple):
 
 
 def open(path: Path, memory_limit: int | str = "512MiB", threads: int | None = None) -> Model:
-    """Opens a page file of any size; ``path`` may be an ``http://`` or ``https://`` address.
+    """Opens a page file of any size; ``path`` may be an ``http(s)://`` or ``s3://`` address (see :func:`trex.network`).
 
     ``memory_limit`` holds for all that trex takes for this model: the interpreter and your arrays are beside it.
     ``threads``: one for each processor, unless you say how many.
@@ -84,6 +84,7 @@ class Model:
     def __init__(self, path: Path, memory_limit: int | str = "512MiB", threads: int | None = None) -> None:
         self._path = os.fspath(path)
         self._limit_bytes = bytes_of(memory_limit, "memory_limit")
+        _network.apply()
         self._native = _trex.NativeModel(self._path, self._limit_bytes, thread_count(threads))
         self._info: dict[str, Any] = json.loads(self._native.info())
 
