@@ -5,6 +5,7 @@
 //! which nothing came.
 
 use super::frame_room::BLOCK_BYTES;
+use super::loader::DAMAGE_MAX;
 use super::page_pool::PagePool;
 use super::pin::Pin;
 use super::shared::PoolState;
@@ -88,7 +89,12 @@ impl PagePool {
         let damage = lock(&self.shared.damage);
         let known = damage.iter().find(|(damaged, _)| *damaged == page);
         known.map(|(_, error)| error.clone()).unwrap_or_else(|| {
-            Error::new(Code::Damaged, "a page is damaged").at_place(format!("page {page}"))
+            Error::new(Code::Damaged, "a page is damaged")
+                .at_place(format!("page {page}"))
+                .numbers(format!(
+                    "more than {DAMAGE_MAX} pages are damaged, and the errors of so many are kept"
+                ))
+                .next(NextStep::Verify)
         })
     }
 

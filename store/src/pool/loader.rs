@@ -251,16 +251,24 @@ impl PoolState {
                 lock(&self.clock).give_back(part.frame, &self.arena);
             }
             Err(error) => {
+                // Before the word says it: who sees a damaged page finds its error.
+                self.keep_damage(part.page, error);
                 word.damage();
                 lock(&self.clock).give_back(part.frame, &self.arena);
-                count(&self.counters.damaged);
-                let mut damage = lock(&self.damage);
-                if damage.len() < DAMAGE_MAX {
-                    damage.push((part.page, error));
-                }
             }
         }
         self.progress.bump();
+    }
+
+    /// Counts a damaged page, and keeps its error while there are few.
+    pub(super) fn keep_damage(&self, page: u32, error: Error) {
+        let mut damage = lock(&self.damage);
+        if damage.iter().all(|(known, _)| *known != page) {
+            count(&self.counters.damaged);
+            if damage.len() < DAMAGE_MAX {
+                damage.push((page, error));
+            }
+        }
     }
 
     /// A decode thread: works until the pool stops.

@@ -7,7 +7,6 @@
 //! block, so that no later pool can stand at its address and be taken for it.
 #![allow(unsafe_code)]
 
-use super::loader::DAMAGE_MAX;
 use super::page_pool::PagePool;
 use super::shared::PoolState;
 use super::signal::lock;
@@ -163,13 +162,8 @@ impl Unpack for PoolState {
 
     fn unpack(&self, page: u32, frame: SharedFrame<'_>, cluster: usize) {
         let grow = |head_bytes| self.grow(page, head_bytes);
-        let Err(error) = self.store.unpack(page, frame, cluster, &grow) else { return };
-        let mut damage = lock(&self.damage);
-        if damage.iter().all(|(known, _)| *known != page) {
-            count(&self.counters.damaged);
-            if damage.len() < DAMAGE_MAX {
-                damage.push((page, error));
-            }
+        if let Err(error) = self.store.unpack(page, frame, cluster, &grow) {
+            self.keep_damage(page, error);
         }
     }
 }

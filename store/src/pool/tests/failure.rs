@@ -118,3 +118,22 @@ fn a_dead_pool_keeps_its_pages_and_can_be_dropped() {
     drop(pool);
     assert_eq!(budget.used_bytes(), before);
 }
+
+/// The error of a page is there before the page counts as damaged: nobody is told of a damage without its reason.
+#[test]
+fn who_sees_a_damaged_page_finds_its_error() {
+    const PAGES: u32 = 1000;
+    let store = Synthetic::new(PAGES, 14);
+    for _ in 0..20 {
+        let plan = FaultPlan { broken: Some(0..u64::MAX), ..FaultPlan::default() };
+        let pool = pool_of(&store, store.faulty(plan), 50);
+        for page in 0..PAGES {
+            pool.submit(0, &[Want { page, weight: 1 }]);
+            while !pool.is_damaged(page) {
+                std::hint::spin_loop();
+            }
+            let error = pool.pin_blocking(page).err().unwrap();
+            assert_eq!(error.code(), Code::Io, "page {page}: {error}");
+        }
+    }
+}
