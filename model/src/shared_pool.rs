@@ -10,10 +10,10 @@
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use trex_render::{MemoryPlan, MeshTracer, Seats, seated_tracers};
+use trex_render::{MemoryPlan, MeshTracer, seated_tracers};
 use trex_store::io::IoOptions;
 use trex_store::layout::FRAME_BYTES;
-use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::pool::{PagePool, Seats};
 use trex_store::{Budget, Lease, PageFile, Result};
 
 /// The pool, once it is there.
@@ -67,7 +67,7 @@ impl SharedPool {
             return started.pool.set_limit(started.frames_bytes(plan)).map(drop);
         }
         let PoolSource { file, path, budget, io } = *source;
-        let options = PoolOptions { io: io.clone(), ..plan.pool_options() };
+        let options = plan.pool_options(io);
         let pool = PagePool::open(file.clone(), path, budget, &options)?;
         *started = Some(RunningPool {
             pool: Arc::new(pool),

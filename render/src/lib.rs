@@ -65,8 +65,8 @@ pub use stats::{GStats, PassStats, PhotonStats, RayCounts};
 pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, HITS_PER_RAY, Hit, MeshTracer, MeshTriangle, NaiveMesh, NaiveTriangle,
-    OpenParts, Page, PagedMesh, PagedTracer, Pages, PartNeeds, Parts, PooledPages, Ray, SECTIONS_MAX, Seat,
-    Seats, Section, Tracer, crossings_all, intersect_all, occluded_all, pooled_tracers, read_triangles,
+    OpenParts, Page, PagedMesh, PagedTracer, Pages, PartNeeds, Parts, PooledPages, Ray, SECTIONS_MAX,
+    Section, Tracer, crossings_all, intersect_all, occluded_all, pooled_tracers, read_triangles,
     seated_tracers,
 };
 pub use trex_film::{

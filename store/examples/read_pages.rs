@@ -24,7 +24,7 @@ fn main() -> Result<(), Error> {
         (IoChoice::Pread, DirectChoice::Off),
         (IoChoice::Mmap, DirectChoice::Off),
     ] {
-        let options = IoOptions { io, direct, depth, pread_threads: depth };
+        let options = IoOptions { io, direct, depth, pread_threads: depth, connections: 0 };
         match open(path, &options) {
             Ok(backend) => {
                 let mut reader = Reader::new(backend, path);

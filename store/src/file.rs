@@ -258,6 +258,6 @@ fn parts_at_opening(block: &Superblock) -> Vec<(u64, u64)> {
 /// Memory while the tables are read.
 fn opening_bytes(file: &Origin, block: &Superblock) -> u64 {
     let ahead: u64 = parts_at_opening(block).iter().map(|&(_, bytes)| bytes).sum();
-    let ahead = if file.begins_at_end() { ahead } else { 0 };
+    let ahead = if file.is_far() { ahead } else { 0 };
     table_bytes(block).saturating_add(ahead).saturating_add(file.connection_bytes())
 }

@@ -186,7 +186,7 @@ fn backend(name: &str, path: &Path) -> Option<Box<dyn trex_store::io::Backend>> 
         return Some(Box::new(Memory::new(std::fs::read(path).unwrap().into(), 8, 1)));
     }
     let io: IoChoice = name.parse().unwrap();
-    let options = IoOptions { io, direct: DirectChoice::Auto, depth: 8, pread_threads: 2 };
+    let options = IoOptions { io, direct: DirectChoice::Auto, depth: 8, pread_threads: 2, connections: 0 };
     trex_store::io::open(path, &options).ok()
 }
 

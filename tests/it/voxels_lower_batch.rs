@@ -10,10 +10,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use trex_render::{
     AllResident, Answer, LowerHit, LowerScene, MissingUnits, Occluders, PacketWidth, Page, Pages,
-    PooledPages, Ray, Seats, Voxels,
+    PooledPages, Ray, Voxels,
 };
 use trex_store::octree::Refinement;
-use trex_store::pool::{PagePool, PoolOptions, Want};
+use trex_store::pool::{PagePool, PoolOptions, Seats, Want};
 use trex_store::{Budget, PageFile};
 
 /// What becomes of a page that is asked for.

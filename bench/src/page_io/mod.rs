@@ -251,7 +251,7 @@ impl Way {
 
     fn options(&self, (io, direct): (IoChoice, DirectChoice)) -> IoOptions {
         let pread_threads = self.depth.min(IoOptions::default().pread_threads);
-        IoOptions { io, direct, depth: self.depth, pread_threads }
+        IoOptions { io, direct, depth: self.depth, pread_threads, connections: 0 }
     }
 
     /// Through a backend, without a pool.

@@ -33,7 +33,13 @@ pub(super) struct Job {
 impl Job {
     /// Bytes that a job takes at most.
     pub(super) fn bytes() -> u64 {
-        let samples = JOB_SAMPLES_MAX * (size_of::<OpenSample>() + 2 * size_of::<[f32; 3]>());
+        Job::bytes_of(PASS_SAMPLES_MAX)
+    }
+
+    /// Bytes that a job of so many samples a pixel takes.
+    pub(super) fn bytes_of(samples: u32) -> u64 {
+        let samples = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS * samples) as usize
+            * (size_of::<OpenSample>() + 2 * size_of::<[f32; 3]>());
         let pixels = (TILE_SIDE_PIXELS * TILE_SIDE_PIXELS) as usize * size_of::<([u32; 2], LayerPixel)>();
         (samples + pixels) as u64
     }

@@ -5,7 +5,7 @@
 //!              a batch in the queue -> G-stage -> each tile on -> done: add to the film
 //!                                                              -> more C-rays (mirrors), queue again
 //!              blocked: request pages, park the tile, next tile
-//!              no more tiles, or PARKED_MAX parked: the parked ones again, the oldest first
+//!              no more tiles, or no room for more parked: the parked ones again, the oldest first
 //!              a round without one answer: wait; some of these: narrow
 //! narrow:      one sample of the oldest tile, alone: ask one ray, request, wait, ask again, until it is done
 //! ```
@@ -18,12 +18,12 @@
 //!
 //! Invariants: 1. the film's bytes depend on the world and the sample count alone, not on threads, tile order,
 //! deadlines, batches or blocked rays; 2. no worker begins a tile while a batch that it may take waits for the G-stage,
-//! nor, but to defer it, while [`PARKED_MAX`] of its own wait for pages; 3. a tile's samples reach the film all
-//! together or not at all, so a stopped pass leaves a film that can go on.
+//! nor, but to defer it, while as many of its own wait for pages as it has room for; 3. a tile's samples reach the film
+//! all together or not at all, so a stopped pass leaves a film that can go on.
 
 use super::g_queue::{GQueue, batch_samples};
 use super::job::{JOB_SAMPLES_MAX, Job};
-use super::worker::{Canvas, Lane, PARKED_MAX, Piece, TileWork, Until, WhenFull, Worker};
+use super::worker::{Canvas, Lane, Piece, TileWork, Until, WhenFull, Worker, parked_bytes};
 use crate::g_stage::GNeeds;
 use crate::integrate::{RayNeeds, Together};
 use crate::stats::PassStats;
@@ -129,10 +129,10 @@ impl Pass {
 }
 
 /// Bytes that a pass takes for `worker_count` workers and the tile order, films not counted; samples ask for so many
-/// rays at a time, of a stage with these needs.
+/// rays at a time, of a stage with these needs; pages are near, or come from afar.
 pub(crate) fn pass_bytes(
     resolution: [u32; 2],
-    worker_count: usize,
+    (worker_count, is_far): (usize, bool),
     rays_asked: RayNeeds,
     needs: &GNeeds,
 ) -> u64 {
@@ -150,7 +150,7 @@ pub(crate) fn pass_bytes(
         + parked
         + again
         + in_hands * rays_asked.voxel * needs.ray_bytes;
-    let at_worker = (PARKED_MAX + 1) as u64 * Job::bytes() + Together::bytes(JOB_SAMPLES_MAX);
+    let at_worker = parked_bytes(is_far) + Job::bytes() + Together::bytes(JOB_SAMPLES_MAX);
     // The order, and the deferred tiles.
     2 * Tiles::bytes(resolution) + worker_count as u64 * at_worker + asking as u64
 }

@@ -2,6 +2,8 @@
 
 #[path = "tests/g_stage.rs"]
 mod g_stage;
+#[path = "tests/waiting.rs"]
+mod waiting;
 
 use super::*;
 use crate::g_stage::CpuStage;

@@ -1,9 +1,9 @@
 //! `MemoryPlan`: how a memory limit is shared out for a picture, and the smallest limit that works.
 //!
 //! ```text
-//! limit = reserve + tables + voxels + photons + film + passes + encoder + pins + staging (at most a tenth)
+//! limit = reserve + tables + voxels + photons + film + passes + encoder + pins + reads (at most a tenth)
 //!         + frames (the rest)
-//! smallest: 4 staging slots, 32 frames a worker
+//! smallest: the least room of reads, 32 frames a worker
 //! ```
 
 use super::shares::{SessionFacts, SessionShares};
@@ -12,19 +12,16 @@ use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::trace::{PartNeeds, PooledPages};
 use serde::Serialize;
 use trex_film::{Display, Layers, Portion, encoder_bytes, filter_bytes};
+use trex_store::io::IoOptions;
 use trex_store::layout::FRAME_BYTES;
 use trex_store::octree::UpperSize;
-use trex_store::pool::{PagePool, PoolOptions};
+use trex_store::pool::{PagePool, PoolOptions, ReadRoom};
 use trex_store::{Code, Error, FileSizes, NextStep, PageFile, RESERVE_BYTES, Result};
 
 /// Frames that a worker needs to work without waiting for each page: what a tile of pixels touches.
 const FRAMES_PER_WORKER: u64 = 32;
-/// Bytes that one staging slot reads at most.
-const MERGE_BYTES: u32 = 128 << 10;
 /// Part of the room of frames that the picture before takes at most: one over this.
 const HISTORY_PART: u64 = 16;
-/// Staging slots: fewer delay reads, more gain nothing.
-const STAGING_SLOTS: std::ops::RangeInclusive<u64> = 4..=40;
 
 /// The properties of a picture that decide what memory it takes.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +57,7 @@ pub struct MemoryPlan {
     pub photons_bytes: u64,
     /// Film, copies of pictures, passes over tiles, encoder, filter.
     pub film_bytes: u64,
-    /// Staging buffers, the pool's tables, the workers' pins and caps of sections.
+    /// Staging buffers and their connections, the pool's tables, the workers' pins and caps of sections.
     pub staging_bytes: u64,
     /// Frames of pages.
     pub frames_bytes: u64,
@@ -68,7 +65,7 @@ pub struct MemoryPlan {
     #[serde(skip)]
     pub kept_light_bytes: u64,
     #[serde(skip)]
-    staging_slots: u64,
+    read_room: ReadRoom,
 }
 
 impl PictureNeeds {
@@ -102,10 +99,8 @@ impl MemoryPlan {
     /// [`Code::MemoryLimit`] with the smallest limit that works.
     pub fn for_sizes(file: &FileSizes, needs: &PictureNeeds, limit_bytes: u64) -> Result<MemoryPlan> {
         let smallest = MemoryPlan::smallest_for_sizes(file, needs)?;
-        let staging =
-            (limit_bytes / 10 / u64::from(MERGE_BYTES)).clamp(*STAGING_SLOTS.start(), *STAGING_SLOTS.end());
-        for slots in [staging, *STAGING_SLOTS.start()] {
-            let fixed = MemoryPlan::fixed(file, needs, slots)?;
+        for read_room in [ReadRoom::within(limit_bytes, file.is_far), ReadRoom::LEAST] {
+            let fixed = MemoryPlan::fixed(file, needs, read_room)?;
             let taken = fixed.sum();
             let least = FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
             if taken + least <= limit_bytes && smallest <= limit_bytes {
@@ -159,21 +154,22 @@ impl MemoryPlan {
 
     /// With what it takes to open the file, where that is more.
     fn smallest_for_sizes(file: &FileSizes, needs: &PictureNeeds) -> Result<u64> {
-        let fixed = MemoryPlan::fixed(file, needs, *STAGING_SLOTS.start())?;
+        let fixed = MemoryPlan::fixed(file, needs, ReadRoom::LEAST)?;
         let least = fixed.sum() + FRAMES_PER_WORKER * needs.workers as u64 * FRAME_BYTES as u64;
         Ok(least.max(RESERVE_BYTES + file.opening_bytes))
     }
 
-    /// Options of the pool for these shares.
-    pub fn pool_options(&self) -> PoolOptions {
-        PoolOptions { frames_bytes: self.frames_bytes, ..pool_options(self.staging_slots) }
+    /// Options of the pool for these shares, which reads as `io` says.
+    pub fn pool_options(&self, io: &IoOptions) -> PoolOptions {
+        PoolOptions { frames_bytes: self.frames_bytes, ..self.read_room.pool_options(io) }
     }
 
     /// The shares of all but the frames.
-    fn fixed(file: &FileSizes, needs: &PictureNeeds, staging_slots: u64) -> Result<MemoryPlan> {
+    fn fixed(file: &FileSizes, needs: &PictureNeeds, read_room: ReadRoom) -> Result<MemoryPlan> {
         let PictureNeeds { settings, layers, portion, workers, g_needs, is_live, copies_bytes, parts } =
             *needs;
-        let overhead = PagePool::overhead_bytes(file.page_count, &pool_options(staging_slots))?;
+        let overhead =
+            PagePool::overhead_bytes(file.page_count, &read_room.pool_options(&IoOptions::default()))?;
         let page_count = file.page_count as usize;
         let pins = PooledPages::bytes(page_count, page_count) * workers as u64;
         let upper = if needs.asks_voxels() { file.upper.clone()? } else { None };
@@ -186,6 +182,7 @@ impl MemoryPlan {
             materials: file.material_count,
             emitters: file.emitter_count,
             g_needs,
+            is_far: file.is_far,
         };
         let session = SessionShares::new(&settings, &facts);
         Ok(MemoryPlan {
@@ -202,7 +199,7 @@ impl MemoryPlan {
             staging_bytes: overhead + pins + parts.cap_bytes(workers),
             frames_bytes: 0,
             kept_light_bytes: 0,
-            staging_slots,
+            read_room,
         })
     }
 
@@ -230,8 +227,4 @@ fn voxels_bytes(file: &FileSizes, upper: &UpperSize, session: &SessionShares) ->
     let links = file.lower.clone()?.map_or(0, |lower| lower.resident_bytes + lower.reading_bytes);
     let light = session.lit_bytes() + session.light_bytes.pass;
     Ok(upper.resident_bytes + links + light.max(upper.reading_bytes))
-}
-
-fn pool_options(staging_slots: u64) -> PoolOptions {
-    PoolOptions { staging_slots: staging_slots as usize, merge_bytes: MERGE_BYTES, ..PoolOptions::default() }
 }

@@ -40,9 +40,9 @@ pub use memory::{MemoryPlan, PictureNeeds};
 
 use self::parts::{ShownModel, show};
 use light::{IndirectLight, LightRoom, LightWork};
-use shares::{SessionFacts, SessionShares};
+use shares::{SessionFacts, SessionShares, facts};
 
-use crate::g_stage::{GNeeds, GStage};
+use crate::g_stage::GStage;
 use crate::integrate::RenderContext;
 use crate::photon::irradiance::PhotonMap;
 use crate::scene::settings::RenderSettings;
@@ -172,8 +172,7 @@ impl<T: PagedTracer + Send> Session<T> {
         assert!(!tracers.is_empty(), "a session needs a tracer");
         assert!(pool.current_num_threads() >= tracers.len(), "a tracer needs a thread");
         let world = World::new(&model, &view)?;
-        let workers = Workforce { count: tracers.len(), g_needs: g_stage.needs() };
-        let facts = SessionFacts { portion, ..facts(&model, layers, workers, false) };
+        let facts = SessionFacts { portion, ..facts((&model, layers), (&tracers, &*g_stage), false) };
         let shares = SessionShares::new(&view.settings, &facts);
         let leases = shares.lease(budget)?;
         let resolution = view.settings.resolution;
@@ -202,8 +201,8 @@ impl<T: PagedTracer + Send> Session<T> {
 
     /// What this session leases while its settings are these, in frames or at leisure.
     fn shares(&self, settings: &RenderSettings, layers: Layers, is_live: bool) -> SessionShares {
-        let workers = Workforce { count: self.tracers.len(), g_needs: self.g_stage.needs() };
-        SessionShares::new(settings, &facts(&self.model, layers, workers, is_live))
+        let at_work = (&self.tracers[..], &*self.g_stage);
+        SessionShares::new(settings, &facts((&self.model, layers), at_work, is_live))
     }
 
     /// Changes camera, lights or a material.
@@ -370,26 +369,6 @@ impl<T: PagedTracer + Send> Session<T> {
     /// The tracers, for their counters.
     pub fn tracers(&self) -> &[T] {
         &self.tracers
-    }
-}
-
-/// Who works for a session.
-struct Workforce {
-    count: usize,
-    g_needs: GNeeds,
-}
-
-/// What decides the shares of a session on `model`, beside its settings.
-fn facts(model: &Model, layers: Layers, workers: Workforce, is_live: bool) -> SessionFacts {
-    SessionFacts {
-        layers,
-        portion: None,
-        workers: workers.count,
-        g_needs: workers.g_needs,
-        is_live,
-        facets: model.voxels.as_ref().map(|voxels| voxels.facet_count()),
-        materials: model.materials.len(),
-        emitters: model.emitters.len(),
     }
 }
 

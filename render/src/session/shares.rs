@@ -13,11 +13,13 @@
 //! of a pass of photons at leisure; photons of `full-gi`; filter and encoder.
 
 use super::light::{LightBytes, LightKind};
-use crate::g_stage::GNeeds;
+use crate::g_stage::{GNeeds, GStage};
 use crate::integrate::rays_asked;
 use crate::scene::settings::RenderSettings;
+use crate::scene::world::Model;
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitter, Emitters};
+use crate::trace::PagedTracer;
 use trex_film::{Display, Layers, Portion, portion_bytes};
 use trex_store::{Budget, Lease, Material, Result};
 
@@ -38,12 +40,33 @@ pub(super) struct SessionFacts {
     pub(super) workers: usize,
     /// What the G-stage needs.
     pub(super) g_needs: GNeeds,
+    /// True where pages come from afar.
+    pub(super) is_far: bool,
     /// True when pictures come in frames with a deadline.
     pub(super) is_live: bool,
     /// Facets of the octree; `None` for a model without.
     pub(super) facets: Option<usize>,
     pub(super) materials: usize,
     pub(super) emitters: usize,
+}
+
+/// What decides the shares of a session on `model`, beside its settings: who works for it, and on what.
+pub(super) fn facts<T: PagedTracer>(
+    (model, layers): (&Model, Layers),
+    (tracers, g_stage): (&[T], &dyn GStage),
+    is_live: bool,
+) -> SessionFacts {
+    SessionFacts {
+        layers,
+        portion: None,
+        workers: tracers.len(),
+        g_needs: g_stage.needs(),
+        is_far: tracers.iter().any(|tracer| tracer.frames_from_afar().is_some()),
+        is_live,
+        facets: model.voxels.as_ref().map(|voxels| voxels.facet_count()),
+        materials: model.materials.len(),
+        emitters: model.emitters.len(),
+    }
 }
 
 /// The shares of a session.
@@ -83,8 +106,17 @@ pub(super) struct LiveLeases {
 impl SessionShares {
     /// The shares of a session with these settings.
     pub(super) fn new(settings: &RenderSettings, facts: &SessionFacts) -> SessionShares {
-        let SessionFacts { layers, portion, workers, ref g_needs, is_live, facets, materials, emitters } =
-            *facts;
+        let SessionFacts {
+            layers,
+            portion,
+            workers,
+            ref g_needs,
+            is_far,
+            is_live,
+            facets,
+            materials,
+            emitters,
+        } = *facts;
         let resolution = settings.resolution;
         let portion = portion.unwrap_or(Portion::whole(resolution, 0));
         let light = LightKind::new(settings, facets);
@@ -98,7 +130,8 @@ impl SessionShares {
             model_bytes: copies as u64 + 2 * Emitters::bytes(emitters),
             film_bytes: portion_bytes(resolution, layers, &portion),
             display_bytes: if is_live { Display::bytes(resolution) } else { 0 },
-            pass_bytes: pass_bytes(resolution, workers, rays_asked(settings), g_needs) + light_bytes.flocks,
+            pass_bytes: pass_bytes(resolution, (workers, is_far), rays_asked(settings), g_needs)
+                + light_bytes.flocks,
             light,
             light_bytes: if is_live { light_bytes.live() } else { light_bytes.at_leisure() },
         }

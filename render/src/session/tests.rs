@@ -1,7 +1,7 @@
 //! Tests of the session: events, refusals, passes, memory, demand; and a floor with voxels for others.
 
 use super::*;
-use crate::g_stage::{CpuStage, GCall, GTurn};
+use crate::g_stage::{CpuStage, GCall, GNeeds, GTurn};
 use crate::integrate::rays_asked;
 use crate::scene::camera::Camera;
 use crate::scene::method::{Filter, Method};
@@ -232,7 +232,7 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
 fn a_film_that_does_not_fit_is_refused() {
     let copies = 6 * size_of::<Material>() as u64 + 2 * Emitters::bytes(0);
     let asked = rays_asked(&RenderKeys { n_shadow: 1, ..RenderKeys::default() });
-    let passes = pass_bytes([16, 16], 2, asked, &CpuStage::default().needs());
+    let passes = pass_bytes([16, 16], (2, false), asked, &CpuStage::default().needs());
     let bytes = passes + film_bytes([16, 16], Layers::default()) + copies;
     let limit = trex_store::RESERVE_BYTES + bytes;
     assert!(session(&Budget::new(limit)).is_ok());

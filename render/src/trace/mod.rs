@@ -17,7 +17,6 @@ mod parts;
 mod pooled;
 mod retry;
 mod scalar;
-mod seats;
 mod shown;
 mod shown_parts;
 #[cfg(target_arch = "x86_64")]
@@ -37,7 +36,6 @@ pub use pages::{AllResident, Page, Pages};
 pub use parts::{Parts, SECTIONS_MAX, Section};
 pub use pooled::{MeshTracer, PooledPages, pooled_tracers, seated_tracers};
 pub(crate) use retry::{Advance, Retry, WAIT};
-pub use seats::{Seat, Seats};
 pub use shown_parts::PartNeeds;
 
 use glam::DVec3;

@@ -15,6 +15,12 @@ pub trait PagedTracer: Tracer {
     /// awaited.
     fn request_missing(&mut self) -> usize;
 
+    /// The frames of this worker where pages come from afar: most of the time is the way, so that as many are to be
+    /// asked for at once as there is room for. `None` where pages are near.
+    fn frames_from_afar(&self) -> Option<usize> {
+        None
+    }
+
     /// From now on, or no more, a page that is missing is waited for while the ray that asks is on its way, for a
     /// second at most.
     fn set_patient(&mut self, _is_patient: bool) {}

@@ -13,13 +13,12 @@ use super::PagedTracer;
 use super::paged_mesh::PagedMesh;
 use super::pages::{Page, Pages};
 use super::retry::WAIT;
-use super::seats::{Seat, Seats};
 use super::want_list::{WANTS_MAX, WantList};
 use super::{OpenParts, Parts};
 use std::cell::{Cell, OnceCell};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use trex_store::pool::{PagePool, PageState, PinToken, Want};
+use trex_store::pool::{PagePool, PageState, PinToken, Seat, Seats, Want};
 use trex_store::{PageFile, Result, StopSignal};
 
 /// Longest that a ray on its way waits for a page: longer than disks take, unless something is wrong with them.
@@ -254,6 +253,11 @@ impl PagedTracer for PagedMesh<PooledPages> {
 
     fn open_parts(&self) -> OpenParts {
         PagedMesh::open_parts(self)
+    }
+
+    fn frames_from_afar(&self) -> Option<usize> {
+        let PooledPages { pool, seat, .. } = self.pages();
+        pool.is_far().then(|| pins_max(pool, seat))
     }
 
     fn wait(&mut self, longest: Duration) {

@@ -193,6 +193,10 @@ impl PageStore for PageFile {
         self.read_stored(page, stored).map(|()| true)
     }
 
+    fn is_far(&self) -> bool {
+        self.file.is_far()
+    }
+
     fn frame_bytes(&self) -> usize {
         FRAME_BYTES
     }

@@ -149,7 +149,7 @@ pub(crate) fn read_superblock(file: &Origin, path: &Path) -> Result<Superblock> 
             .next(NextStep::Build));
     }
     let (head, tail) = (0, length - SUPERBLOCK_BYTES as u64);
-    let [first, other] = if file.begins_at_end() { [tail, head] } else { [head, tail] };
+    let [first, other] = if file.is_far() { [tail, head] } else { [head, tail] };
     let mut bytes = [0; SUPERBLOCK_BYTES];
     file.read_exact_at(&mut bytes, first).map_err(|e| Error::io("read", path, &e))?;
     let block = Superblock::parse(&bytes, path).or_else(|error| {

@@ -15,6 +15,8 @@ use std::path::{Path, PathBuf};
 pub struct FileSizes {
     /// The file.
     pub path: PathBuf,
+    /// True where its pages come from afar, and many are to be asked for at once.
+    pub is_far: bool,
     /// Count of pages.
     pub page_count: u32,
     /// Count of materials.
@@ -47,6 +49,7 @@ impl FileSizes {
         let count = |kind| block.section(kind).count;
         FileSizes {
             path: path.to_path_buf(),
+            is_far: file.is_far(),
             page_count: count(SectionKind::PageTable),
             material_count: count(SectionKind::Materials) as usize,
             emitter_count: count(SectionKind::Emitters) as usize,

@@ -38,7 +38,7 @@ pub use fault::{Fault, FaultPlan};
 pub use memory::Memory;
 pub use mmap::Mmap;
 pub use network::{CacheOptions, NetworkOptions, S3Keys, S3Options, network_options, set_network_options};
-pub use open::{DEPTH_MAX, DirectChoice, IoChoice, IoOptions, open};
+pub use open::{CONNECTION_BYTES, DEPTH_MAX, DirectChoice, IoChoice, IoOptions, open};
 pub use origin::Origin;
 pub(crate) use page_cache::drop_cached;
 pub use read_threads::ReadThreads;
@@ -52,10 +52,6 @@ use std::ops::{Deref, DerefMut};
 /// Offsets, lengths and buffers of direct reads are multiples of this. 4096 suits every device with sectors of 512
 /// or 4096 bytes, and is the page size where buffered reads are dropped from the cache.
 pub const ALIGN_BYTES: usize = 4096;
-
-/// Bytes between two extents that are read from a disk and thrown away to save one read: the transfer of so many costs
-/// what the saved request does on a fast SSD (about 10 us).
-const GAP_MAX_BYTES: u64 = 16 << 10;
 
 /// Where a page lies in the file: byte-packed, any offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -147,11 +143,6 @@ pub trait Backend: Send {
 
     /// Offsets, lengths and buffer positions must be multiples of this: 1 or [`ALIGN_BYTES`].
     fn align_bytes(&self) -> usize;
-
-    /// Bytes between two extents that are read and thrown away to save one read.
-    fn gap_max_bytes(&self) -> u64 {
-        GAP_MAX_BYTES
-    }
 
     /// Most reads in flight at once.
     fn depth(&self) -> usize;

@@ -82,6 +82,9 @@ fn unknown_choice(what: &str, text: &str, known: &str) -> Error {
     Error::new(Code::Usage, format!("there is no {what} {text:?}")).next(format!("use {known}"))
 }
 
+/// Bytes of memory that a connection takes: buffers of TLS and of messages, and what is touched of a stack.
+pub const CONNECTION_BYTES: u64 = 160 << 10;
+
 /// How to read.
 #[derive(Clone, Debug)]
 pub struct IoOptions {
@@ -93,11 +96,20 @@ pub struct IoOptions {
     pub depth: usize,
     /// Threads of the `pread` backend; no more than `depth` are started. Each has a stack of 64 KiB.
     pub pread_threads: usize,
+    /// Connections beside those that a file behind a network has anyway, each for one more read in flight, and of
+    /// [`CONNECTION_BYTES`].
+    pub connections: usize,
 }
 
 impl Default for IoOptions {
     fn default() -> IoOptions {
-        IoOptions { io: IoChoice::Auto, direct: DirectChoice::Auto, depth: 32, pread_threads: 16 }
+        IoOptions {
+            io: IoChoice::Auto,
+            direct: DirectChoice::Auto,
+            depth: 32,
+            pread_threads: 16,
+            connections: 0,
+        }
     }
 }
 

@@ -84,8 +84,8 @@ impl Origin {
         }
     }
 
-    /// True where the end of it is at hand before its beginning is.
-    pub(crate) fn begins_at_end(&self) -> bool {
+    /// True behind a network: most of the time of a read is the way, and the end is at hand before the beginning is.
+    pub(crate) fn is_far(&self) -> bool {
         match self {
             Origin::File(_) => false,
             #[cfg(feature = "http")]

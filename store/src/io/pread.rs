@@ -17,7 +17,6 @@ pub(super) fn pread(source: Source, depth: usize, threads: usize, reason: String
         depth,
         threads,
         stack_bytes: STACK_BYTES,
-        gap_max_bytes: super::GAP_MAX_BYTES,
         read: Box::new(move |read| read_once(&source, read)),
         notice: Box::new(|| None),
     })

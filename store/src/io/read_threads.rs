@@ -25,8 +25,6 @@ pub(super) struct ThreadsSetup {
     pub(super) threads: usize,
     /// What a call needs.
     pub(super) stack_bytes: usize,
-    /// See [`Backend::gap_max_bytes`].
-    pub(super) gap_max_bytes: u64,
     pub(super) read: ReadCall,
     /// One line for people, once something went wrong that ends no read.
     pub(super) notice: NoticeCall,
@@ -39,7 +37,6 @@ pub struct ReadThreads {
     depth: usize,
     in_flight: usize,
     align_bytes: usize,
-    gap_max_bytes: u64,
     notice: NoticeCall,
     pub(super) description: IoDescription,
 }
@@ -60,16 +57,7 @@ struct Queues {
 impl ReadThreads {
     /// Starts the threads, named after the backend.
     pub(super) fn new(setup: ThreadsSetup) -> ReadThreads {
-        let ThreadsSetup {
-            description,
-            align_bytes,
-            depth,
-            threads,
-            stack_bytes,
-            gap_max_bytes,
-            read,
-            notice,
-        } = setup;
+        let ThreadsSetup { description, align_bytes, depth, threads, stack_bytes, read, notice } = setup;
         let queues =
             Queues { waiting: VecDeque::with_capacity(depth), done: Vec::with_capacity(depth), stop: false };
         let shared = Arc::new(ThreadsState {
@@ -85,7 +73,7 @@ impl ReadThreads {
         };
         // As many as the system gives; with none, the caller reads.
         let threads = (0..threads.clamp(1, depth)).map_while(start).collect();
-        ReadThreads { shared, threads, depth, in_flight: 0, align_bytes, gap_max_bytes, notice, description }
+        ReadThreads { shared, threads, depth, in_flight: 0, align_bytes, notice, description }
     }
 }
 
@@ -120,10 +108,6 @@ impl Backend for ReadThreads {
 
     fn align_bytes(&self) -> usize {
         self.align_bytes
-    }
-
-    fn gap_max_bytes(&self) -> u64 {
-        self.gap_max_bytes
     }
 
     fn depth(&self) -> usize {

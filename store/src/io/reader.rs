@@ -95,11 +95,6 @@ impl Reader {
         self.backend.describe()
     }
 
-    /// Bytes between two extents that are worth reading to save one read.
-    pub fn gap_max_bytes(&self) -> u64 {
-        self.backend.gap_max_bytes()
-    }
-
     /// How many more reads can be submitted now.
     pub fn room(&self) -> usize {
         self.free.len()

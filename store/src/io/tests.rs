@@ -89,7 +89,7 @@ fn all_backends_give_the_same_bytes() {
             if (io, direct) == (IoChoice::Mmap, DirectChoice::On) {
                 continue;
             }
-            let options = IoOptions { io, direct, depth: 8, pread_threads: 3 };
+            let options = IoOptions { io, direct, depth: 8, pread_threads: 3, connections: 0 };
             match open(file.path(), &options) {
                 Ok(backend) => {
                     let results = read_all(backend, file.path(), &extents);
@@ -161,7 +161,7 @@ fn a_file_that_shrinks_while_it_is_read_is_damaged() {
     for io in [IoChoice::Auto, IoChoice::Pread, IoChoice::Mmap] {
         let content = content();
         let file = file_of(&content);
-        let options = IoOptions { io, direct: DirectChoice::Off, depth: 4, pread_threads: 2 };
+        let options = IoOptions { io, direct: DirectChoice::Off, depth: 4, pread_threads: 2, connections: 0 };
         let mut reader = Reader::new(open(file.path(), &options).unwrap(), file.path());
         let at = |offset, stored_bytes| Extent { offset, stored_bytes };
         let before = [at(0, 100), at(1_000_000, 60_000)];

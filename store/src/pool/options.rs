@@ -5,7 +5,7 @@ use super::requests::Requests;
 use super::want::PageStore;
 use super::word::{self, Word};
 use crate::error::{Code, Error, Result};
-use crate::io::{IoOptions, staging_bytes_for};
+use crate::io::{CONNECTION_BYTES, IoOptions, staging_bytes_for};
 
 /// Fewest frames that a pool works with: one for the page in use, one for the page that arrives.
 pub const FRAMES_MIN: usize = 2;
@@ -46,6 +46,50 @@ impl Default for PoolOptions {
             decode_threads: 2,
             queue_capacity: 4096,
             io: IoOptions::default(),
+        }
+    }
+}
+
+/// The room of what reads take under a memory limit: buffers between disk and decoder, and connections.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadRoom {
+    slots: usize,
+    connections: usize,
+}
+
+impl ReadRoom {
+    /// The least: fewer buffers delay reads.
+    pub const LEAST: ReadRoom = ReadRoom { slots: 4, connections: 0 };
+    /// The most where pages are near: more gains nothing.
+    const NEAR: ReadRoom = ReadRoom { slots: 40, connections: 0 };
+    /// The most where pages come from afar: 64 reads in flight.
+    const FAR: ReadRoom = ReadRoom { slots: 72, connections: 32 };
+    /// Bytes that one buffer reads at most.
+    const MERGE_BYTES: u32 = 128 << 10;
+    /// Most part of a limit: one over this.
+    const PART: u64 = 10;
+
+    fn bytes(self) -> u64 {
+        self.slots as u64 * u64::from(ReadRoom::MERGE_BYTES) + self.connections as u64 * CONNECTION_BYTES
+    }
+
+    /// As much as helps where pages are near or come from afar ([`PageStore::is_far`]), in a tenth of a limit.
+    pub fn within(limit_bytes: u64, is_far: bool) -> ReadRoom {
+        let most = limit_bytes / ReadRoom::PART;
+        if is_far && ReadRoom::FAR.bytes() <= most {
+            return ReadRoom::FAR;
+        }
+        let slots = usize::try_from(most / u64::from(ReadRoom::MERGE_BYTES)).unwrap_or(usize::MAX);
+        ReadRoom { slots: slots.clamp(ReadRoom::LEAST.slots, ReadRoom::NEAR.slots), ..ReadRoom::NEAR }
+    }
+
+    /// Options of a pool with this room, which reads as `io` says.
+    pub fn pool_options(self, io: &IoOptions) -> PoolOptions {
+        PoolOptions {
+            staging_slots: self.slots,
+            merge_bytes: ReadRoom::MERGE_BYTES,
+            io: IoOptions { connections: self.connections, ..io.clone() },
+            ..PoolOptions::default()
         }
     }
 }
@@ -98,6 +142,7 @@ impl PoolPlan {
             + u64::from(pages) * (size_of::<Word>() + size_of::<u16>()) as u64
             + frames_max as u64 * Clock::BYTES_PER_FRAME
             + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
+            + options.io.connections as u64 * CONNECTION_BYTES
             // What a decoder may keep as scratch.
             + (options.decode_threads * frame_bytes) as u64;
         Ok(PoolPlan { frames_max, frames_most, slot_bytes, overhead_bytes })

@@ -202,6 +202,11 @@ impl PagePool {
         self.shared.words.len() as u32
     }
 
+    /// True where pages come from afar: many reads have to be under way at once.
+    pub fn is_far(&self) -> bool {
+        self.shared.store.is_far()
+    }
+
     /// Which backend reads now, why, and what went wrong with the one before it.
     pub fn io(&self) -> IoDescription {
         lock(&self.shared.io).clone()

@@ -9,7 +9,6 @@
 
 use super::page_pool::PagePool;
 use super::shared::PoolState;
-use super::signal::lock;
 use super::stats::count;
 use crate::cluster::{Frame, SharedFrame, Unpack};
 use std::ops::Deref;

@@ -75,6 +75,11 @@ pub trait PageStore: Send + Sync {
         Ok(false)
     }
 
+    /// True where pages come from afar, and most of the time of a read is the way.
+    fn is_far(&self) -> bool {
+        false
+    }
+
     /// Bytes of a frame, the same for all pages. A multiple of 4096.
     fn frame_bytes(&self) -> usize;
 

@@ -22,7 +22,7 @@ mod request;
 
 use super::network::network_options;
 use super::read_threads::{ReadThreads, ThreadsSetup};
-use super::{IoDescription, IoOptions, RawRead};
+use super::{CONNECTION_BYTES, IoDescription, IoOptions, RawRead};
 use crate::error::{Error, Result};
 use address::Address;
 use cache::RangeCache;
@@ -40,12 +40,12 @@ const TAIL_BYTES: u64 = 64 << 10;
 pub(super) const RUN_BYTES: u64 = 4 << 20;
 /// Longest range of one request: several pieces come side by side.
 const PIECE_BYTES: usize = 512 << 10;
-/// Most requests under way at a time, and connections that are kept.
+/// Most requests under way at a time, beside those that [`IoOptions::connections`] adds.
 const CONNECTIONS: usize = 32;
+/// Most connections that are kept while nothing is asked for.
+const IDLE_MAX: usize = 64;
 /// Stack of a thread that asks: it shakes hands by TLS, too.
 const STACK_BYTES: usize = 512 << 10;
-/// Bytes between two pages that are got and thrown away to save a request: see docs/http.md for what was measured.
-const GAP_MAX_BYTES: u64 = 64 << 10;
 /// Times that a request is made: what fails by the network may be well the next time.
 const TRIES: u32 = 3;
 
@@ -59,9 +59,8 @@ pub struct HttpFile {
 }
 
 impl HttpFile {
-    /// Bytes that all connections take: buffers of TLS and of messages, and what is touched of stacks; and what is got
-    /// ahead of those who read from the beginning to the end.
-    pub(super) const CONNECTIONS_BYTES: u64 = CONNECTIONS as u64 * (160 << 10) + TAIL_BYTES + RUN_BYTES;
+    /// Bytes that its connections take, and what is got ahead of those who read from the beginning to the end.
+    pub(super) const CONNECTIONS_BYTES: u64 = CONNECTIONS as u64 * CONNECTION_BYTES + TAIL_BYTES + RUN_BYTES;
 
     /// Asks the server for the end of it, as the process's [`super::NetworkOptions`] say.
     ///
@@ -72,7 +71,7 @@ impl HttpFile {
     pub(super) fn open(path: &Path) -> Result<HttpFile> {
         let options = network_options();
         let address = Address::new(path, &options.s3)?;
-        let client = Client::new(address, CONNECTIONS, TimeBounds::USUAL, &options)?;
+        let client = Client::new(address, IDLE_MAX, TimeBounds::USUAL, &options)?;
         let failed = |error: io::Error| Error::io("open", path, &error);
         let (version, tail) = again(|| client.tail(TAIL_BYTES)).map_err(failed)?;
         let parts = FetchedParts::default();
@@ -178,10 +177,9 @@ impl HttpFile {
         ReadThreads::new(ThreadsSetup {
             description: IoDescription::new(self.client.address().backend_name(), false, reason),
             align_bytes: 1,
-            depth: options.depth,
-            threads: CONNECTIONS,
+            depth: options.depth + options.connections,
+            threads: CONNECTIONS + options.connections,
             stack_bytes: STACK_BYTES,
-            gap_max_bytes: GAP_MAX_BYTES,
             read: Box::new(move |read| file.read_once(read)),
             notice: Box::new(move || told.cache.as_ref().and_then(RangeCache::trouble)),
         })

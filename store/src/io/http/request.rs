@@ -64,7 +64,7 @@ struct ContentRange {
 }
 
 impl Client {
-    /// Keeps up to so many connections.
+    /// Keeps up to so many connections that are not in use.
     ///
     /// # Errors
     /// The file of certificates cannot be used.

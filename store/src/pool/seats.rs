@@ -3,10 +3,10 @@
 //!
 //! Invariants: 1. no two seats that are held have one number; 2. a seat is free again when its [`Seat`] is dropped.
 
+use super::want::ORIGINS_MAX;
+use crate::error::{Code, Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use trex_store::pool::ORIGINS_MAX;
-use trex_store::{Code, Error, Result};
 
 // A bit a seat.
 const _: () = assert!(ORIGINS_MAX == u64::BITS as usize);
@@ -46,12 +46,12 @@ impl Seats {
 
 impl Seat {
     /// The worker's number, below [`ORIGINS_MAX`]: the origin of its want-list.
-    pub(super) fn number(&self) -> usize {
+    pub fn number(&self) -> usize {
         self.number
     }
 
     /// Workers that share the frames, this one included.
-    pub(super) fn workers(&self) -> usize {
+    pub fn workers(&self) -> usize {
         self.seats.count()
     }
 }
