@@ -4,7 +4,8 @@
     python bench/python_rays.py speed MESH.ply MODEL.trex OUT [RAYS] [ROUNDS]    # MODEL.trex is built from MESH.ply
     python bench/python_rays.py closed OUT [OFFSET]
 
-Needs trex-mesh, numpy, trimesh, embreex and open3d. OUT is a folder for a document of each engine. Each engine is a
+Needs trex-mesh, numpy, trimesh, embreex and open3d; `speed` also the Rust call beside, from `cargo build --release -p trex-bench
+--example rays_asked`. OUT is a folder for a document of each engine. Each engine is a
 process of its own, so that its memory is its own; engines take turns, and each figure is the median of the rounds, of
 that process's wall time. `speed`: rays that a camera sends, and rays from places in the box in any direction. `closed`:
 a closed mesh, rays from its inside through each of its corners and the middle of each of its edges, moved by OFFSET
@@ -21,7 +22,8 @@ import time
 
 import numpy as np
 
-ENGINES = ["trex", "trex-1-thread", "embreex", "open3d"]
+ENGINES = ["trex", "rust", "trex-1-thread", "embreex", "open3d"]
+RUST = os.path.join(os.path.dirname(__file__), "../target/release/examples/rays_asked")
 
 
 class Trex:
@@ -130,13 +132,17 @@ def speed(mesh, model, output, count="1000000", rounds="5"):
 
     with trex.open(model) as opened:
         bounds, triangles = np.asarray(opened.bounds).tolist(), opened.triangle_count
-    command = [sys.executable, __file__, "serve"]
+    os.makedirs(output, exist_ok=True)
+    for kind, (origins, directions) in rays_of(bounds, int(count)).items():
+        np.hstack([origins, directions]).astype("<f8").tofile(f"{output}/{kind}.f64")
     figures = {name: {} for name in ENGINES}
     peaks = {}
     for kind in ["camera", "random"]:
         processes = {}
         for name in ENGINES:
-            arguments = [*command, name, mesh, model, json.dumps(bounds), count]
+            arguments = [sys.executable, __file__, "serve", name, mesh, model, json.dumps(bounds), count]
+            if name == "rust":
+                arguments = [RUST, model, output]
             processes[name] = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         said = {name: [] for name in ENGINES}
         # The first round warms caches.
@@ -157,10 +163,12 @@ def speed(mesh, model, output, count="1000000", rounds="5"):
                 "most_rays_per_s": max(speeds),
                 "hits": said[name][-1]["hits"],
             }
-            peaks[name] = {key: said[name][-1][key] for key in ["opened_s", "peak_rss_bytes"]}
+            peaks[name] = {key: said[name][-1].get(key) for key in ["opened_s", "peak_rss_bytes"]}
             print(kind, name, figures[name][kind], peaks[name], file=sys.stderr)
     for name in ENGINES:
         keep(output, f"speed-{name}", {"triangle_count": triangles, **figures[name], **peaks[name]})
+    for kind in ["camera", "random"]:
+        os.remove(f"{output}/{kind}.f64")
 
 
 def closed(output, offset="1e6"):
