@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# A page file of 100 million triangles behind a web server, over wires of several lengths and 200 MiB/s: views that jump in 256 MiB,
-# a record each, and a second look at what is kept on disk. Three minutes of a quiet machine; a page file that is missing is built
-# first.
+# Page files of 100 million triangles, or of the CAD grid, behind a web server, over wires of several lengths and 200 MiB/s: views
+# that jump in 256 MiB, a record each, and a second look at what is kept on disk. Six minutes of a quiet machine; page files that
+# are missing are built first.
 #
 #   bench/http.sh WORK_FOLDER
 set -euo pipefail
@@ -13,11 +13,11 @@ source bench/record.sh
 cd "$work"
 build_kinds
 
-# serve ROUND_TRIP_MS: a server, and what opening takes.
+# serve FILE ROUND_TRIP_MS: a server, and what opening takes.
 serve() {
-    round_trip_ms=$1
+    round_trip_ms=$2
     local begin
-    coproc SERVE { exec "$root/target/release/examples/serve" isosurface-100m.trex "$round_trip_ms" $((200 * MiB)); }
+    coproc SERVE { exec "$root/target/release/examples/serve" "$1" "$round_trip_ms" $((200 * MiB)); }
     server=$SERVE_PID from=${SERVE[0]} to=${SERVE[1]}
     read -r url <&"$from"
     begin=$(date +%s%N)
@@ -54,7 +54,7 @@ document["http"] = {
 with open("document.json", "w") as file:
     json.dump(document, file)
 PYTHON
-    "$root/target/release/trex-bench" --root "$root" record --name "http-isosurface-$name" --command "bench/http.sh WORK_FOLDER" \
+    "$root/target/release/trex-bench" --root "$root" record --name "http-$name" --command "bench/http.sh WORK_FOLDER" \
         document.json
 }
 
@@ -64,15 +64,22 @@ leave() {
 }
 
 for ms in 0 20 50 100; do
-    serve "$ms"
-    look "$(printf %03d "$ms")" 4
+    serve isosurface-100m.trex "$ms"
+    look "isosurface-$(printf %03d "$ms")" 4
     leave
 done
 # What is kept: read once over the wire, then looked at again.
 rm -rf kept
-serve 50
-look 050-first 4 --cache-dir kept
-look 050-kept 4 --cache-dir kept
+serve isosurface-100m.trex 50
+look isosurface-050-first 4 --cache-dir kept
+look isosurface-050-kept 4 --cache-dir kept
 leave
 rm -rf kept
+for file in pipes-100m.trex scan-100m.trex kicad-grid.trex; do
+    [ -e "$file" ] || continue
+    serve "$file" 50
+    name=${file%.trex}
+    look "${name%-100m}-050" 4
+    leave
+done
 "$root/target/release/trex-bench" --root "$root" docs

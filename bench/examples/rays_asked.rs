@@ -1,10 +1,10 @@
-//! The Rust call beside `bench/python_rays.py`: the rays of its arrays, asked of a model as often as a line of stdin names them.
+//! The Rust call beside `bench/python_rays.py`: the rays of its arrays, asked of a model as often as stdin names them.
 //!
 //! ```text
-//! rays_asked MODEL FOLDER    ->  for each line KIND, `{"rays_per_s": .., "hits": .., "opened_s": ..}` for FOLDER/KIND.f64
+//! rays_asked MODEL FOLDER    ->  for each line KIND: rays of FOLDER/KIND.f64, `{"rays_per_s": .., "hits": ..}`
 //! ```
 //!
-//! A file holds the rays as little-endian f64, six for each: origin and direction. Invariant: what is timed is the call alone,
+//! A file holds little-endian f64, six for each ray: origin and direction. Invariant: what is timed is the call alone,
 //! of rays that are in memory, to answers that are in memory.
 
 use serde_json::json;
