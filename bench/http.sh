@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Page files of 100 million triangles, or of the CAD grid, behind a web server, over wires of several lengths and 200 MiB/s: views
-# that jump in 256 MiB, a record each, and a second look at what is kept on disk. Six minutes of a quiet machine; page files that
+# that jump in 256 MiB, a record each, and a second look at what is kept on disk. Four minutes of a quiet machine; page files that
 # are missing are built first.
 #
 #   bench/http.sh WORK_FOLDER

@@ -4,12 +4,12 @@
     python bench/python_rays.py speed MESH.ply MODEL.trex OUT [RAYS] [ROUNDS]    # MODEL.trex is built from MESH.ply
     python bench/python_rays.py closed OUT [OFFSET]
 
-Needs trex-mesh, numpy, trimesh, embreex and open3d; `speed` also the Rust call beside, from `cargo build --release -p trex-bench
---example rays_asked`. OUT is a folder for a document of each engine. Each engine is a
-process of its own, so that its memory is its own; engines take turns, and each figure is the median of the rounds, of
-that process's wall time. `speed`: rays that a camera sends, and rays from places in the box in any direction. `closed`:
-a closed mesh, rays from its inside through each of its corners and the middle of each of its edges, moved by OFFSET
-(10^6): rays that hit nothing are lost, those that hit more than once are repeated; a surface is left once.
+Needs trex-mesh, numpy, trimesh, embreex and open3d; `speed` also the Rust call beside, from `cargo build --release
+-p trex-bench --example rays_asked`. OUT is a folder for a document of each engine. Each engine is a process of its own,
+so that its memory is its own; engines take turns, and each figure is the median of the rounds, of that process's wall
+time. `speed`: rays that a camera sends, and rays from places in the box in any direction. `closed`: a closed mesh, rays
+from its inside through each of its corners and the middle of each of its edges, moved by OFFSET (10^6): rays that hit
+nothing are lost, those that hit more than once are repeated; a surface is left once.
 """
 
 import json

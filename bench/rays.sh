@@ -25,8 +25,7 @@ for kind in isosurface pipes scan; do
     build $kind-${size,,}.trex gen:$kind:$size
 done
 if [ -d "$models" ] && [ ! -e kicad-grid-${size,,}.trex ]; then
-    cp "$models/cad/kicad_1m.mtl" .
-    awk -v copies=${size%M} -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
+    cad_grid "${size%M}" kicad-grid.obj
     build kicad-grid-${size,,}.trex kicad-grid.obj
     rm kicad-grid.obj
 fi

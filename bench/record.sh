@@ -35,6 +35,13 @@ stress() {
     capped "$name" $((mib * MiB)) stress "$@" --memory-limit "${mib}MiB" --resolution "${resolution:-512x512}" || true
 }
 
+# cad_grid COPIES FILE: so many copies of the CAD board of a million triangles, side by side, in the folder at hand.
+cad_grid() {
+    local cad=$root/../shared/models/cad
+    cp "$cad/kicad_1m.mtl" .
+    awk -v copies="$1" -f "$root/bench/grid.awk" "$cad/kicad_1m.obj" "$cad/kicad_1m.obj" >"$2"
+}
+
 # build_kinds: the page files of four kinds of model in the folder at hand, those that are missing.
 build_kinds() {
     local kind models=$root/../shared/models
@@ -43,8 +50,7 @@ build_kinds() {
         [ -e $kind-100m.trex ] || "$trex" build gen:$kind:100M -o $kind-100m.trex --memory-limit 2GiB --render-limit 128MiB --progress none
     done
     if [ -d "$models" ] && [ ! -e kicad-grid.trex ]; then
-        cp "$models/cad/kicad_1m.mtl" .
-        awk -v copies=20 -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid.obj
+        cad_grid 20 kicad-grid.obj
         "$trex" build kicad-grid.obj -o kicad-grid.trex --memory-limit 2GiB --render-limit 128MiB --progress none
         rm kicad-grid.obj
     fi

@@ -18,8 +18,7 @@ for kind in isosurface pipes scan; do
     [ -e $kind-${size,,}.ply ] || "$trex" gen $kind --triangles "$size" -o $kind-${size,,}.ply --progress none
 done
 if [ -d "$models" ] && [ ! -e kicad-grid-${size,,}.obj ]; then
-    cp "$models/cad/kicad_1m.mtl" .
-    awk -v copies=${size%M} -f "$root/bench/grid.awk" "$models/cad/kicad_1m.obj" "$models/cad/kicad_1m.obj" >kicad-grid-${size,,}.obj
+    cad_grid "${size%M}" kicad-grid-${size,,}.obj
 fi
 
 for input in isosurface-${size,,}.ply pipes-${size,,}.ply scan-${size,,}.ply kicad-grid-${size,,}.obj; do
@@ -56,7 +55,7 @@ def clear():
 
 
 said = {}
-for turn in range(5):
+for _ in range(5):
     took = {}
     took["one_s"], (one,) = run(f"build {mesh} -o one.trex --overwrite --threads 2")
     took["scan_s"], _ = run(f"scan {mesh} -o plan --overwrite --threads 2")
