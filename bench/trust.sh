@@ -8,6 +8,7 @@
 #   kills         200 builds killed at work, with other threads and limits whenever they resume
 #   calls K/N     every errno at every call of scripted sessions: part K of N, counted from 0
 #   flips         1,000 bits turned in scratch
+#   crash         every folder that a loss of power can leave at any moment of a build
 #   walls         every verb in control groups of 64, 80, 96, 128 and 256 MiB, on honest, odd and hostile files
 #   fuzz TARGET   changes of a target's seeds for 20 minutes, or for FUZZ_SECONDS
 #   asan          unit tests of builds under AddressSanitizer, on the nightly toolchain
@@ -53,6 +54,9 @@ part() {
     flips)
         count flips "TREX_FLIPS=1000 a_bit_that_turns" "bits turned" TREX_FLIPS=1000 "${store[@]}" --nocapture a_bit_that_turns
         ;;
+    crash)
+        count crash "TREX_FAULTS=full crash::" "losses of power" TREX_FAULTS=full "${it[@]}" --nocapture crash::
+        ;;
     walls)
         count walls "TREX_FAULTS=full walls::" "runs in control groups" TREX_FAULTS=full TREX_CASES="$work/walls.cases" \
             "${it[@]}" --nocapture walls::
@@ -82,7 +86,7 @@ if [ $# -gt 0 ]; then
     exit
 fi
 failed=()
-for name in kills "calls 0/1" flips walls asan "${targets[@]/#/fuzz }"; do
+for name in kills "calls 0/1" flips crash walls asan "${targets[@]/#/fuzz }"; do
     read -ra words <<<"$name"
     part "${words[@]}" || failed+=("$name")
 done
