@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds in shards beside one build, of four kinds of mesh in files: what two workers take that share the two cores, what two
-# machines would take, and a model of what N would, which is held to those two. Twenty minutes of a quiet machine; inputs that are
-# missing are written first.
+# machines would take, and a model of what N would, which is held to those two; workers once more by a plan that holds the
+# triangles (`kept`). Half an hour of a quiet machine; inputs that are missing are written first.
 #
 #   bench/shards.sh WORK_FOLDER [SIZE]        SIZE: triangles of each model, 10M unless told
 set -euo pipefail
@@ -44,12 +44,12 @@ def run(*lines):
     return took, documents
 
 
-def shard(number, count, threads):
-    return f"build {mesh} --plan plan --shard {number}/{count} -o {number}of{count} --overwrite --threads {threads}"
+def shard(number, count, threads, inputs=mesh):
+    return f"build {inputs} --plan plan --shard {number}/{count} -o {number}of{count} --overwrite --threads {threads}"
 
 
 def clear():
-    for name in ["1of1", "4of8", "1of2", "2of2"]:
+    for name in ["1of1", "4of8", "1of2", "2of2", "9of16"]:
         if os.path.exists(name):
             os.remove(name)
 
@@ -71,6 +71,17 @@ for _ in range(5):
     # As two workers of one machine.
     side_by_side_s, _ = run(shard(1, 2, 1), shard(2, 2, 1))
     took["workers_s"] = took["scan_s"] + side_by_side_s + took["merge_s"]
+    # The same of a plan that holds the triangles, and a sixteenth on a machine of its own.
+    clear()
+    took["kept_scan_s"], (kept,) = run(f"scan {mesh} -o plan --overwrite --threads 2 --keep-triangles")
+    side_by_side_s, _ = run(shard(1, 2, 1, ""), shard(2, 2, 1, ""))
+    kept_merge_s, (merged,) = run("merge 1of2 2of2 -o merged.trex --overwrite")
+    assert merged["result_hash"] == one["result_hash"], mesh
+    took["kept_workers_s"] = took["kept_scan_s"] + side_by_side_s + kept_merge_s
+    took["kept_workers_ratio"] = took["kept_workers_s"] / took["one_s"]
+    sixteenth_s, _ = run(shard(9, 16, 2, ""))
+    took["kept_sixteen_s"] = took["kept_scan_s"] + sixteenth_s + kept_merge_s
+    took["kept_bytes"] = kept["plan_bytes"] / kept["triangle_count"]
     # The model: a shard takes what reading takes, and its share of the rest. Two shards lead to it, the halves are held to it.
     share = lambda document: document["triangle_count"] / document["model_triangle_count"]
     rest = (took["whole_shard_s"] - eighth_s) / (1 - share(eighth))

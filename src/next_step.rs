@@ -58,6 +58,9 @@ pub(crate) fn words(step: &NextStep) -> String {
         NextStep::ScanAgain => {
             "run `trex scan` again on these inputs, or name those that the plan was made of"
         }
+        NextStep::NameInputsOfPlan => {
+            "name the inputs that the plan was made of, or make it with `trex scan --keep-triangles`"
+        }
         NextStep::BuildShardAgain => "build it again with `trex build --plan PLAN --shard I/N`",
         NextStep::FinerLattice => {
             "ask for a finer lattice with --error: some triangles are smaller than its step"

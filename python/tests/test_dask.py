@@ -57,7 +57,7 @@ def test_a_build_and_a_picture_have_the_bytes_of_one_command(client, tmp_path):
         apart,
         client=client,
         shards=3,
-        scan_flags=["--voxels", "64"],
+        scan_flags=["--voxels", "64", "--keep-triangles"],
         threads=1,
         command=COMMAND,
     )

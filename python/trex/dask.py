@@ -80,7 +80,8 @@ def build(
     ``temp_dir``: where a worker keeps its scratch, a disk of its own.
 
     Plan and fragments lie in ``OUT.shards`` beside it. They stay there where a task failed, for the next call to go on
-    with, and are removed at the end. Every shard reads all of the inputs.
+    with, and are removed at the end. Every shard reads all of the inputs, or with ``scan_flags=["--keep-triangles"]`` its
+    share of the plan, which then holds them.
 
     Returns the document of ``trex merge``: counts, sizes and times. Raises the exceptions of ``trex.build``.
     """

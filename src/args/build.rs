@@ -15,7 +15,7 @@ use trex_store::verify::Level;
 pub struct BuildArgs {
     /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED; volumes: .nrrd, .nhdr, .mhd,
     /// .mha or .raw, with --iso; several become one model
-    #[arg(value_name = "INPUT", required_unless_present = "clean", num_args = 1..,
+    #[arg(value_name = "INPUT", required_unless_present_any = ["clean", "plan"], num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
     /// The page file to publish; with --shard, the fragment
@@ -135,7 +135,8 @@ pub struct VoxelArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Shard options")]
 pub struct ShardArgs {
-    /// Build a shard of this plan, which `trex scan` has made of the same inputs; lattice and voxels are the plan's
+    /// Build a shard of this plan, which `trex scan` has made of the same inputs; lattice and voxels are the plan's. No
+    /// INPUT needs to be named where it holds the triangles
     #[arg(long, value_name = "PLAN", requires = "shard",
           conflicts_with_all = ["grid_bits", "error", "voxels", "upper_budget", "render_limit", "no_asvo", "clean"])]
     pub plan: Option<PathBuf>,

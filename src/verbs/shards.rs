@@ -16,7 +16,7 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 use trex_store::build::shards::{self, MergeWork, ScanReport, ScanWork, ShardPlan, ShardReport, ShardWork};
-use trex_store::build::{ExistingOutput, Plan, Precision, Resume, Voxels};
+use trex_store::build::{self, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
 use trex_store::{Error, Result, content_stamp};
@@ -32,7 +32,7 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: ExistingOutput::replace_if(args.overwrite.overwrite),
         precision: args.lattice.precision(),
         voxels: voxels(&args.voxels),
-        resume: None,
+        resume: args.keep_triangles.then_some(Resume { input: Vec::new(), every: JOURNAL_EVERY }),
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
@@ -40,7 +40,8 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let facts = facts(inputs)?;
     let options = work.options(ctx)?;
     let scanned = with_source(inputs, &work.scratch_folder(), ctx, |source| {
-        let work = ScanWork { output: &args.output, facts: &facts, options: &options };
+        let keeps_triangles = args.keep_triangles;
+        let work = ScanWork { output: &args.output, facts: &facts, keeps_triangles, options: &options };
         Ok((source.name(), shards::scan(source, &work, &ctx.report())?))
     });
     let (scene, report) = scanned?;
@@ -67,28 +68,35 @@ pub fn shard(
     let volumes = args.volumes.options();
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
     let scratch = work.scratch_folder();
+    let has_inputs = !args.inputs.is_empty();
     let read = ShardPlan::read(plan_path, &ctx.budget);
     let plan = read.map_err(|error| {
-        let plan_bytes = plan_path.metadata().map_or(0, |found| found.len());
-        let error = inputs::with_smallest_limit(error, inputs, &scratch, ctx);
-        inputs::with_work(error, PLAN_COPIES * plan_bytes)
+        let plan_bytes = PLAN_COPIES * ShardPlan::table_bytes(plan_path);
+        match has_inputs {
+            true => inputs::with_work(inputs::with_smallest_limit(error, inputs, &scratch, ctx), plan_bytes),
+            false => inputs::with_work(error, plan_bytes + build::smallest_bytes()),
+        }
     })?;
     let plan_bytes = ctx.budget.used_bytes();
-    let facts = facts(inputs)?;
+    let facts = if has_inputs { Some(facts(inputs)?) } else { None };
     let options = work.options(ctx)?;
-    let built = with_source(inputs, &scratch, ctx, |source| {
-        let work = ShardWork {
-            plan: &plan,
-            plan_path,
-            share: (shard.number, shard.count),
-            facts: &facts,
-            output: &args.output,
-            options: &options,
-            on_plan: &|plan: &Plan| tell_sizes(plan, ctx),
-        };
-        Ok((source.name(), shards::build(source, &work, &ctx.report())?))
-    });
-    let (scene, report) = built.map_err(|error| inputs::with_work(error, plan_bytes))?;
+    let work = ShardWork {
+        plan: &plan,
+        plan_path,
+        share: (shard.number, shard.count),
+        facts: facts.as_deref(),
+        output: &args.output,
+        options: &options,
+        on_plan: &|plan: &Plan| tell_sizes(plan, ctx),
+    };
+    let (scene, report) = if has_inputs && !plan.has_triangles() {
+        let built = with_source(inputs, &scratch, ctx, |source| {
+            Ok((source.name(), shards::build(Some(source), &work, &ctx.report())?))
+        });
+        built.map_err(|error| inputs::with_work(error, plan_bytes))?
+    } else {
+        (plan_path.display().to_string(), shards::build(None, &work, &ctx.report())?)
+    };
     if report.resumed_sorted_count > 0 {
         let sorted = size::count(report.resumed_sorted_count);
         ctx.console.note(&format!("resumed: {sorted} triangles were sorted by an earlier build"));

@@ -62,6 +62,8 @@ pub enum NextStep {
     BuildWithoutResume,
     /// Make the plan of a build in shards again, of these inputs, or name the inputs that it was made of.
     ScanAgain,
+    /// Name the inputs that the plan was made of, or make it with its triangles.
+    NameInputsOfPlan,
     /// Build the shard again whose fragment this is.
     BuildShardAgain,
     /// Ask for a finer lattice.
@@ -139,6 +141,7 @@ impl fmt::Display for NextStep {
                 "this file system may have no locks: build without leaving anything to resume from"
             }
             NextStep::ScanAgain => "make the plan again of these inputs, or name those that it was made of",
+            NextStep::NameInputsOfPlan => "name the inputs of the plan, or make it again with its triangles",
             NextStep::BuildShardAgain => "build this shard again",
             NextStep::FinerLattice => {
                 "ask for a finer lattice: some triangles are smaller than the step of this one"

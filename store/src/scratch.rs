@@ -37,12 +37,22 @@ pub(crate) enum Place {
     Left(PathBuf),
 }
 
+/// What a file of blocks is to those who read its errors.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum BlockFileKind {
+    Scratch,
+    /// Of a build in shards.
+    Fragment,
+    /// Of a build in shards, with its triangles.
+    ShardPlan,
+}
+
 /// A file of blocks.
 pub(crate) struct ScratchFile {
     file: File,
     /// The file, or its folder where it has no name.
     folder: PathBuf,
-    is_fragment: bool,
+    kind: BlockFileKind,
 }
 
 /// Writes the hash of `block[SEAL_BYTES..]` to its first bytes.
@@ -67,19 +77,30 @@ impl ScratchFile {
             Place::Left(path) => (options.open(&path), path),
         };
         let file = file.map_err(|e| Error::writing("create a scratch file", &folder, &e))?;
-        Ok(ScratchFile { file, folder, is_fragment: false })
+        Ok(ScratchFile { file, folder, kind: BlockFileKind::Scratch })
     }
 
     /// A fragment of a build, whose blocks are read alone.
     pub(crate) fn of_fragment(path: PathBuf) -> Result<ScratchFile> {
         let file = open_regular(&path)?;
-        Ok(ScratchFile { file, folder: path, is_fragment: true })
+        Ok(ScratchFile { file, folder: path, kind: BlockFileKind::Fragment })
+    }
+
+    /// A plan of a build in shards, whose blocks are read alone.
+    pub(crate) fn of_plan(path: PathBuf) -> Result<ScratchFile> {
+        let file = open_regular(&path)?;
+        Ok(ScratchFile { file, folder: path, kind: BlockFileKind::ShardPlan })
+    }
+
+    /// A plan under way, to be found at `path`.
+    pub(crate) fn of_new_plan(file: File, path: PathBuf) -> ScratchFile {
+        ScratchFile { file, folder: path, kind: BlockFileKind::ShardPlan }
     }
 
     /// Waits until all that was written is on the disk.
     pub(crate) fn sync(&self) -> Result<()> {
         let synced = retry_on_intr(|| fdatasync(&self.file));
-        synced.map_err(|e| self.failed("write to the scratch file", &e.into()))
+        synced.map_err(|e| self.failed("write to", &e.into()))
     }
 
     /// The file, for what is neither reading nor writing.
@@ -89,7 +110,7 @@ impl ScratchFile {
 
     /// Writes sealed blocks.
     pub(crate) fn write(&self, blocks: &[u8], offset: u64) -> Result<()> {
-        self.file.write_all_at(blocks, offset).map_err(|e| self.failed("write to the scratch file", &e))
+        self.file.write_all_at(blocks, offset).map_err(|e| self.failed("write to", &e))
     }
 
     /// Reads the block of so many bytes, seal included, and gives its content.
@@ -106,7 +127,7 @@ impl ScratchFile {
             if is_again {
                 drop_cached(&self.file, offset, bytes as u64);
             }
-            self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))?;
+            self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read", &e))?;
             let (hash, content) = buffer.split_first_chunk::<SEAL_BYTES>().expect("a block is sealed");
             hashes = (xxh3_64_with_seed(content, name), u64::from_le_bytes(*hash));
             if hashes.0 == hashes.1 {
@@ -119,26 +140,39 @@ impl ScratchFile {
 
     /// Reads bytes as they stand: nobody looks at what is in their blocks.
     pub(crate) fn read_plain(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
-        self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read the scratch file", &e))
+        self.file.read_exact_at(buffer, offset).map_err(|e| self.failed("read", &e))
     }
 
     /// The error of a block that is not what was written.
     pub(crate) fn damaged(&self, offset: u64) -> Error {
-        if self.is_fragment {
-            return Error::new(Code::Damaged, "a fragment of a build is damaged")
+        let damaged = |what: &str, next| {
+            Error::new(Code::Damaged, what)
                 .at_byte(&self.folder, offset)
                 .numbers("a block is not what was written, or cannot be one of a build")
-                .next(NextStep::BuildShardAgain);
+                .next(next)
+        };
+        match self.kind {
+            BlockFileKind::Scratch => {
+                Error::new(Code::Io, "the scratch file gave back other bytes than were written")
+                    .at_byte(&self.folder, offset)
+                    .next(NextStep::CheckScratchDisk)
+            }
+            BlockFileKind::Fragment => damaged("a fragment of a build is damaged", NextStep::BuildShardAgain),
+            BlockFileKind::ShardPlan => {
+                damaged("a plan of a build in shards is damaged", NextStep::ScanAgain)
+            }
         }
-        Error::new(Code::Io, "the scratch file gave back other bytes than were written")
-            .at_byte(&self.folder, offset)
-            .next(NextStep::CheckScratchDisk)
     }
 
-    /// The error of a call that failed.
+    /// The error of a call that failed: `doing` what to the file.
     pub(crate) fn failed(&self, doing: &str, error: &std::io::Error) -> Error {
-        let failed = Error::writing(doing, &self.folder, error);
-        if error.kind() == ErrorKind::StorageFull {
+        let name = match self.kind {
+            BlockFileKind::Scratch => "the scratch file",
+            BlockFileKind::Fragment => "the fragment",
+            BlockFileKind::ShardPlan => "the plan",
+        };
+        let failed = Error::writing(&format!("{doing} {name}"), &self.folder, error);
+        if error.kind() == ErrorKind::StorageFull && self.kind == BlockFileKind::Scratch {
             return failed.next(NextStep::FreeScratchSpace);
         }
         failed

@@ -78,6 +78,71 @@ fn two_files_with_materials_in_shards_are_the_bytes_of_one_build() {
     check(inside.path(), "a.obj b.obj", "--render-limit 128MiB");
 }
 
+/// A plan that holds the triangles is enough for its shards; it is told by the same id as one without.
+#[test]
+fn shards_of_a_plan_with_triangles_need_no_inputs() {
+    let inside = folder();
+    let inside = inside.path();
+    document_in(inside, "gen pipes --triangles 150k --seed 3 -o a.obj");
+    document_in(inside, "gen soup --triangles 200k --seed 4 -o b.obj");
+    document_in(inside, "build a.obj b.obj -o whole.trex --voxels 64/256");
+    let ids = ["plan", "small-plan", "plain-plan"].map(|name| {
+        let flags = match name {
+            "plan" => "--keep-triangles",
+            "small-plan" => "--keep-triangles --memory-limit 100MiB --threads 1",
+            _ => "",
+        };
+        document_in(inside, &format!("scan a.obj b.obj -o {name} --voxels 64/256 {flags}"))["plan_id"].clone()
+    });
+    assert!(ids.iter().all(|id| *id == ids[0]), "{ids:?}");
+    for name in ["a.obj", "a.mtl", "b.obj", "b.mtl"] {
+        std::fs::rename(inside.join(name), inside.join(format!("elsewhere-{name}"))).unwrap();
+    }
+    let plan_before = hash_of(&inside.join("plan"));
+    // Two side by side, and one of the plan of another scan.
+    let line = |number: u32, plan: &str| {
+        format!(
+            "build --plan {plan} --shard {number}/3 -o {number}.trexfrag --threads 1 --journal-every 20ms"
+        )
+    };
+    let beside = trex_in(inside, &format!("{} -q", line(1, "plan"))).stdout(Stdio::null()).spawn().unwrap();
+    document_in(inside, &line(2, "plan"));
+    assert!(beside.wait_with_output().unwrap().status.success());
+    document_in(inside, &line(3, "small-plan"));
+    document_in(inside, "merge 3.trexfrag 1.trexfrag 2.trexfrag -o merged.trex");
+    let hashes = ["whole.trex", "merged.trex"].map(|name| hash_of(&inside.join(name)));
+    assert_eq!(hashes[0], hashes[1]);
+    assert_eq!(hash_of(&inside.join("plan")), plan_before, "a shard has changed its plan");
+    // Inputs that are named are still held against the plan's.
+    let other = "build elsewhere-b.obj --plan plan --shard 1/1 -o out";
+    run_in(inside, &format!("{other} --json -q")).expect_error(3, "input-mismatch");
+    let same = "build elsewhere-a.obj elsewhere-b.obj --plan plan --shard 1/1 -o out";
+    document_in(inside, same);
+    let none =
+        run_in(inside, "build --plan plain-plan --shard 1/3 -o none --json -q").expect_error(2, "usage");
+    assert!(none["next_step"].as_str().unwrap().contains("--keep-triangles"), "{none:#}");
+}
+
+/// A scan that is killed while it writes triangles starts again, and leaves nothing.
+#[test]
+fn a_killed_scan_starts_again() {
+    let inside = folder();
+    let inside = inside.path();
+    document_in(inside, "gen scan --triangles 400k -o in.ply");
+    let line = "scan in.ply -o plan --keep-triangles";
+    document_in(inside, line);
+    let (hash, before) = (hash_of(&inside.join("plan")), listing(inside));
+    std::fs::remove_file(inside.join("plan")).unwrap();
+    let writes = |_| listing(inside).keys().any(|name| name.ends_with(".part"));
+    assert!(kill_when(inside, line, writes), "it ended before");
+    assert!(!inside.join("plan").exists());
+    let found = run_in(inside, "info .");
+    found.expect(0);
+    assert!(found.stdout.contains("plan"), "{}", found.stdout);
+    document_in(inside, line);
+    assert_eq!((hash_of(&inside.join("plan")), listing(inside)), (hash, before));
+}
+
 /// The order of the stream counts, not the number of threads, the limit, or where inputs and folders are.
 #[test]
 fn shards_are_built_anywhere() {
@@ -206,9 +271,9 @@ fn parallel_builds_the_shards() {
         return cannot_run_without("parallel");
     }
     let inside = folder();
-    document_in(inside.path(), "scan gen:pipes:60k -o plant.trexplan");
+    document_in(inside.path(), "scan gen:pipes:60k -o plant.trexplan --keep-triangles");
     let trex = trex_in(inside.path(), "").get_program().to_owned();
-    let line = "build gen:pipes:60k --plan plant.trexplan --threads 1 -q";
+    let line = "build --plan plant.trexplan --threads 1 -q";
     let made = Command::new("parallel")
         .args(["--will-cite", "--jobs", "2"])
         .arg(format!("{} {line} --shard {{}}/4 -o shard-{{}}.trexfrag", trex.to_string_lossy()))

@@ -100,8 +100,10 @@ fn damaged_plans_and_fragments_are_refused() {
     let inside = folder();
     let inside = inside.path();
     shards_in(inside, "gen:pipes:30k:1", "plan", ["a", "b"]);
+    document_in(inside, "scan gen:pipes:30k:1 -o full-plan --voxels 64 --keep-triangles");
     let mut random = Random::seeded(5);
     for (name, line) in [
+        ("full-plan", "build --plan full-plan --shard 1/1 -o out"),
         ("plan", "build gen:pipes:30k:1 --plan plan --shard 1/2 -o out"),
         ("b", "merge a b -o out"),
         ("a", "merge a b -o out"),
@@ -142,6 +144,8 @@ fn limits_hold_for_shards_and_merges() {
         "scan in.ply -o plan --voxels 256",
         "build in.ply --plan plan --shard 1/2 -o a",
         "build in.ply --plan plan --shard 2/2 -o b",
+        "scan in.ply -o full-plan --voxels 256 --keep-triangles",
+        "build --plan full-plan --shard 1/1 -o all",
         "merge a b -o out.trex",
     ];
     for line in lines {

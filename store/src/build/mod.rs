@@ -28,6 +28,7 @@ mod options;
 mod partition;
 mod phases;
 mod plan;
+mod planned_triangles;
 mod report;
 mod scan;
 mod scratch;

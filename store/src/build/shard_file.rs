@@ -1,27 +1,39 @@
-//! What plans and fragments begin with, and what both hold: the model as its scan found it.
+//! How plans and fragments begin and end, and what both hold: the model as its scan found it.
 //!
 //! ```text
+//! file = head | blocks | record | where that is | ..
 //! head = magic (8 bytes) | version of this form (4) | version of the page file that is built (4)
+//! where a record is = its offset (8) | its bytes (8)
 //! ```
 //!
-//! Invariant: a model that was read has numbers that can be true together; who made it is not known.
+//! Invariants: 1. files are read from their end: what stands before a record ends where that begins; 2. a model that
+//! was read has numbers that can be true together; who made it is not known.
 
+use super::draft::DraftFile;
 use super::input_sizes::InputSizes;
-use super::journal::record::JournalRecord;
+use super::journal::record::{self, JournalRecord};
 use super::model_materials::ModelMaterials;
 use super::partition::summary::{PartitionSummary, StoredSummary};
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
+use crate::file::open_regular;
 use crate::layout::VERSION;
 use crate::next_step::NextStep;
 use crate::source::SourceStats;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::Read;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Version of both forms.
-const SHARDS_VERSION: u32 = 1;
+const SHARDS_VERSION: u32 = 2;
 /// Bytes of the head.
 pub(crate) const HEAD_BYTES: usize = 16;
+/// Bytes behind a record: where it is.
+const WHERE_BYTES: usize = 16;
 
 /// Which of both a file is.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -45,6 +57,13 @@ impl ShardFileKind {
         }
     }
 
+    fn reading(self) -> &'static str {
+        match self {
+            ShardFileKind::Plan => "read the plan",
+            ShardFileKind::Fragment => "read the fragment",
+        }
+    }
+
     fn next_step(self) -> NextStep {
         match self {
             ShardFileKind::Plan => NextStep::ScanAgain,
@@ -62,10 +81,7 @@ impl ShardFileKind {
     }
 
     /// Checks the first bytes of a file, which may have fewer than a head.
-    ///
-    /// # Errors
-    /// [`Code::InputFormat`], [`Code::Version`].
-    pub(crate) fn check(self, first_bytes: &[u8], path: &Path) -> Result<()> {
+    fn check(self, first_bytes: &[u8], path: &Path) -> Result<()> {
         let head = self.head();
         if first_bytes.get(..8) != Some(&head[..8]) || first_bytes.len() < HEAD_BYTES {
             return Err(Error::new(Code::InputFormat, format!("this is no {}", self.name()))
@@ -94,6 +110,74 @@ impl ShardFileKind {
             .numbers(numbers)
             .next(self.next_step())
     }
+}
+
+/// A file of either kind that is open, whose head was checked.
+pub(crate) struct ShardFile<'a> {
+    kind: ShardFileKind,
+    path: &'a Path,
+    file: File,
+    pub(crate) bytes: u64,
+}
+
+impl<'a> ShardFile<'a> {
+    /// Opens one.
+    ///
+    /// # Errors
+    /// [`Code::InputFormat`], [`Code::Version`]; those of reading.
+    pub(crate) fn open(kind: ShardFileKind, path: &'a Path) -> Result<ShardFile<'a>> {
+        let file = open_regular(path)?;
+        let failed = |e: std::io::Error| Error::io(kind.reading(), path, &e);
+        let bytes = file.metadata().map_err(failed)?.len();
+        let mut first = Vec::new();
+        Read::by_ref(&mut &file).take(HEAD_BYTES as u64).read_to_end(&mut first).map_err(failed)?;
+        kind.check(&first, path)?;
+        Ok(ShardFile { kind, path, file, bytes })
+    }
+
+    /// The error of a file that is not as it was published.
+    pub(crate) fn not_whole(&self) -> Error {
+        self.kind.damaged(self.path, format!("{} bytes that are no whole one", self.bytes))
+    }
+
+    /// Where the record is behind which the file ends at `end`.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`] where there can be none; those of reading.
+    pub(crate) fn record_before(&self, end: u64) -> Result<Range<u64>> {
+        let mut words = [0; WHERE_BYTES];
+        let record_end = end.checked_sub(WHERE_BYTES as u64).ok_or_else(|| self.not_whole())?;
+        self.read(&mut words, record_end)?;
+        let [at, bytes] = [0, 8].map(|at| u64::from_le_bytes(words[at..at + 8].try_into().expect("eight")));
+        let is_sound = at >= HEAD_BYTES as u64 && at.checked_add(bytes) == Some(record_end);
+        is_sound.then_some(at..record_end).ok_or_else(|| self.not_whole())
+    }
+
+    /// Reads a record, and gives its hash; its length, [`record::READING`] times, was leased.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`] where it is not whole; those of reading.
+    pub(crate) fn record<T: DeserializeOwned>(&self, place: Range<u64>) -> Result<(u64, JournalRecord<T>)> {
+        let mut bytes = vec![0; (place.end - place.start) as usize];
+        self.read(&mut bytes, place.start)?;
+        let hash = bytes.first_chunk().copied().map(u64::from_le_bytes);
+        hash.zip(record::parse(&bytes)).ok_or_else(|| self.not_whole())
+    }
+
+    fn read(&self, buffer: &mut [u8], at: u64) -> Result<()> {
+        self.file.read_exact_at(buffer, at).map_err(|e| Error::io(self.kind.reading(), self.path, &e))
+    }
+}
+
+/// Appends a record, and where it is; gives its hash. Its length is leased by who calls.
+pub(crate) fn append_record(file: &mut DraftFile<'_>, head: &impl Serialize, blobs: &[&[u8]]) -> Result<u64> {
+    let mut bytes = Vec::new();
+    let hash = record::write_to(&mut bytes, head, blobs).expect("a vector takes all bytes");
+    let record_bytes = bytes.len() as u64;
+    bytes.extend(file.bytes().to_le_bytes());
+    bytes.extend(record_bytes.to_le_bytes());
+    file.append(&bytes)?;
+    Ok(hash)
 }
 
 /// A model as its scan found it.

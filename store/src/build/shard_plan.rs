@@ -1,27 +1,35 @@
 //! `ShardPlan`: what the shards of one build agree on, made once by a scan of the inputs.
 //!
 //! ```text
-//! head (`shard_file`) | record: facts of the inputs, model, finest level | materials | cells
+//! head | record: facts of the inputs, model, finest level | materials | cells                (`shard_file`)
+//! head | runs of triangles | record: which of them make which chunk | record as above        (`planned_triangles`)
 //! ```
 //!
 //! Invariants: 1. it names no machine: inputs stand by their content; 2. a plan that was read can be true, its memory
-//! is leased, and every byte of it is under its hash, which is its id.
+//! is leased, and every byte of it is under a hash; 3. the hash of the last record is its id, also with triangles.
 
-use super::draft::Draft;
+use super::draft::DraftFile;
 use super::journal::record;
-use super::options::{BuildOptions, Voxels};
+use super::options::Voxels;
 use super::partition::cell_table::{CELL_BYTES, CellRange, CellTable, ShardShare};
 use super::partition::cells::{SortKey, SortRule};
+use super::partition::chunk::Chunk;
 use super::partition::shard::CellCensus;
-use super::shard_file::{HEAD_BYTES, PlannedModel, ShardFileKind, StoredModel, blobs};
+use super::planned_triangles::PlannedTriangles;
+use super::scratch::Scratch;
+use super::shard_file::{
+    HEAD_BYTES, PlannedModel, ShardFile, ShardFileKind, StoredModel, append_record, blobs,
+};
 use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
-use crate::file::open_regular;
 use crate::next_step::NextStep;
-use crate::scratch::Place;
 use serde::{Deserialize, Serialize};
-use std::io::Read;
 use std::path::Path;
+
+/// What its tables are called in messages.
+const PLAN: &str = "the plan of the shards";
+/// Where the head ends.
+const HEAD_END: u64 = HEAD_BYTES as u64;
 
 /// What stands before the blobs. Ids are words of 64 bits, which JSON holds.
 #[derive(Serialize, Deserialize)]
@@ -38,54 +46,47 @@ pub struct ShardPlan {
     pub(crate) facts: Vec<(String, String)>,
     pub(crate) model: PlannedModel,
     cells: CellTable,
+    triangles: Option<PlannedTriangles>,
     _lease: Lease,
 }
 
 impl ShardPlan {
-    /// The plan of what was counted, of inputs with these facts, as the bytes of its file.
-    pub(super) fn to_bytes(
+    /// Writes the plan of what was counted, of inputs with these facts, behind the triangles that it holds; gives its
+    /// id and length.
+    pub(super) fn write(
         facts: &[(String, String)],
         model: &PlannedModel,
         census: &CellCensus,
+        mut file: DraftFile<'_>,
         budget: &Budget,
-    ) -> Result<(Vec<u8>, Lease)> {
-        let what = "the plan of the shards";
-        let mut lease = budget.lease(what, census.cells.len() as u64 * CELL_BYTES)?;
+    ) -> Result<(u64, u64)> {
+        let triangles_end = census.sorted.as_ref().map(|(scratch, _)| scratch.bytes());
+        file.resume_at(triangles_end.unwrap_or(HEAD_END))?;
+        if let Some((_, chunks)) = &census.sorted {
+            PlannedTriangles::write(chunks, &mut file, budget)?;
+        }
+        let mut lease = budget.lease(PLAN, census.cells.len() as u64 * CELL_BYTES)?;
         let (materials, _materials_lease) = model.materials.to_bytes(budget)?;
-        lease.grow(what, 2 * materials.len() as u64)?;
+        lease.grow(PLAN, 2 * materials.len() as u64)?;
         let words = census.cells.words();
         let head = PlanHead { facts: facts.to_vec(), model: model.stored(), levels: census.cells.levels() };
-        let mut bytes = Vec::from(ShardFileKind::Plan.head());
-        let blobs: [&[u8]; 2] = [&materials, bytemuck::cast_slice(&words)];
-        record::write_to(&mut bytes, &head, &blobs).expect("a vector takes all bytes");
-        Ok((bytes, lease))
+        let id = append_record(&mut file, &head, &[&materials, bytemuck::cast_slice(&words)])?;
+        file.write_head(&ShardFileKind::Plan.head())?;
+        Ok((id, file.bytes()))
     }
 
-    /// Publishes the bytes of a plan.
-    pub(super) fn publish(bytes: &[u8], output: &Path, folder: &Path, options: &BuildOptions) -> Result<()> {
-        let draft = Draft::create(output, folder, Place::Unnamed(folder.to_path_buf()))?;
-        draft.file().append(bytes)?;
-        draft.publish_unread(output, options)
-    }
-
-    /// Reads a plan.
+    /// Reads a plan. Its triangles stay where they are.
     ///
     /// # Errors
     /// [`Code::InputFormat`], [`Code::Version`] or [`Code::Damaged`] for what is no whole plan of this version;
     /// [`Code::MemoryLimit`]; those of reading.
     pub fn read(path: &Path, budget: &Budget) -> Result<ShardPlan> {
-        let kind = ShardFileKind::Plan;
-        let failed = |e: std::io::Error| Error::io("read the plan", path, &e);
-        let mut file = open_regular(path)?;
-        let bytes = file.metadata().map_err(failed)?.len();
-        let mut lease = budget.lease("the plan of the shards", bytes.saturating_mul(record::READING))?;
-        let mut all = Vec::new();
-        Read::by_ref(&mut file).take(bytes).read_to_end(&mut all).map_err(failed)?;
-        kind.check(&all, path)?;
-        let not_whole = || kind.damaged(path, format!("{bytes} bytes that are no whole plan"));
-        let record = record::parse::<PlanHead>(&all[HEAD_BYTES..]).ok_or_else(not_whole)?;
-        let id = ShardPlan::id_of(&all);
-        drop(all);
+        let file = ShardFile::open(ShardFileKind::Plan, path)?;
+        let not_whole = || file.not_whole();
+        let place = file.record_before(file.bytes)?;
+        let (before, bytes) = (place.start, place.end - place.start);
+        let mut lease = budget.lease(PLAN, bytes.saturating_mul(record::READING))?;
+        let (id, record) = file.record::<PlanHead>(place)?;
         let (head, [section, words]) = blobs(record).ok_or_else(not_whole)?;
         let words = bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words);
         let model = PlannedModel::parse(head.model, &section, budget)?.ok_or_else(not_whole)?;
@@ -96,12 +97,46 @@ impl ShardPlan {
         let cells = cells.filter(|cells| cells.triangle_count() == model.summary.triangle_count);
         let cells = cells.ok_or_else(not_whole)?;
         lease.shrink_to(cells.len() as u64 * CELL_BYTES);
-        Ok(ShardPlan { id, facts: head.facts, model, cells, _lease: lease })
+        let triangles = match before {
+            HEAD_END => None,
+            end => {
+                let count = model.summary.triangle_count;
+                Some(PlannedTriangles::read((path, &file), file.record_before(end)?, count, budget)?)
+            }
+        };
+        Ok(ShardPlan { id, facts: head.facts, model, cells, triangles, _lease: lease })
     }
 
-    /// The id of a plan of these bytes, which are those of a whole one.
-    pub(super) fn id_of(bytes: &[u8]) -> u64 {
-        u64::from_le_bytes(bytes[HEAD_BYTES..HEAD_BYTES + 8].try_into().expect("eight bytes"))
+    /// Bytes of a plan that are read to memory, at the most: all but its triangles. 0 for what is none.
+    pub fn table_bytes(path: &Path) -> u64 {
+        let bytes = || -> Result<u64> {
+            let file = ShardFile::open(ShardFileKind::Plan, path)?;
+            let place = file.record_before(file.bytes)?;
+            let first = match place.start {
+                HEAD_END => place.start,
+                end => file.record_before(end)?.start,
+            };
+            Ok(file.bytes - first)
+        };
+        bytes().unwrap_or(0)
+    }
+
+    /// Whether it holds the triangles, so that shards need no inputs.
+    pub fn has_triangles(&self) -> bool {
+        self.triangles.is_some()
+    }
+
+    /// The triangles of a share, where the plan holds them.
+    ///
+    /// # Errors
+    /// [`Code::Damaged`] where they cannot be those; those of opening the plan again.
+    pub(super) fn triangles(&self, share: ShardShare, path: &Path) -> Result<Option<(Scratch, Vec<Chunk>)>> {
+        let Some(triangles) = &self.triangles else { return Ok(None) };
+        let range = self.range(share);
+        triangles.chunks(range)?.map(Some).ok_or_else(|| {
+            let numbers = format!("{} triangles of a shard that are no chunks", range.triangle_count);
+            ShardFileKind::Plan.damaged(path, numbers)
+        })
     }
 
     /// Tells it from others.

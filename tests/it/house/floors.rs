@@ -93,6 +93,7 @@ pub(super) const HOUSES: [House; 5] = [
             "checkpoint",
             "site",
             "shard_file",
+            "planned_triangles",
             "shard_plan",
             "fragment",
             "shards",

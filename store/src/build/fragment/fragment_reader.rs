@@ -1,17 +1,14 @@
 //! `Fragment`: an open fragment, whose record was checked; its chunks and voxel runs are checked as they are read.
 
-use super::{CHUNK_BYTES_MOST, ChunkBytesReader, END_BYTES, FragmentHead};
+use super::{CHUNK_BYTES_MOST, ChunkBytesReader, FragmentHead};
 use crate::budget::{Budget, Lease};
 use crate::build::clusters::pages::ChunkPages;
 use crate::build::journal::record;
 use crate::build::partition::cell_table::ShardShare;
-use crate::build::shard_file::{HEAD_BYTES, PlannedModel, ShardFileKind, blobs};
-use crate::error::{Error, Result};
-use crate::file::open_regular;
+use crate::build::shard_file::{HEAD_BYTES, PlannedModel, ShardFile, ShardFileKind, blobs};
+use crate::error::Result;
 use crate::octree::{VoxelRunTable, VoxelRuns};
 use crate::scratch::{SEAL_BYTES, ScratchFile};
-use std::io::Read;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 /// Memory of a chunk while it is taken apart, over its bytes: these, what they are read to, the page under way.
@@ -39,27 +36,13 @@ impl Fragment {
     /// [`Code::Damaged`](crate::Code::Damaged) for what is no whole fragment of this version;
     /// [`Code::MemoryLimit`](crate::Code::MemoryLimit); those of reading.
     pub(crate) fn open(path: &Path, budget: &Budget) -> Result<(Fragment, PlannedModel)> {
-        let kind = ShardFileKind::Fragment;
-        let failed = |e: std::io::Error| Error::io("read the fragment", path, &e);
-        let file = open_regular(path)?;
-        let bytes = file.metadata().map_err(failed)?.len();
-        let mut first = Vec::new();
-        Read::by_ref(&mut &file).take(HEAD_BYTES as u64).read_to_end(&mut first).map_err(failed)?;
-        kind.check(&first, path)?;
-        let not_whole = || kind.damaged(path, format!("{bytes} bytes that are no whole fragment"));
-        let end_at = bytes.checked_sub(END_BYTES as u64).ok_or_else(not_whole)?;
-        let mut end = [0; END_BYTES];
-        file.read_exact_at(&mut end, end_at).map_err(failed)?;
-        let [record_at, record_bytes] =
-            [0, 8].map(|at| u64::from_le_bytes(end[at..at + 8].try_into().expect("eight bytes")));
-        if record_at.checked_add(record_bytes) != Some(end_at) {
-            return Err(not_whole());
-        }
+        let file = ShardFile::open(ShardFileKind::Fragment, path)?;
+        let (bytes, not_whole) = (file.bytes, || file.not_whole());
+        let place = file.record_before(bytes)?;
+        let (record_at, record_bytes) = (place.start, place.end - place.start);
         let mut lease =
             budget.lease("the tables of a fragment", record_bytes.saturating_mul(record::READING))?;
-        let mut record = vec![0; record_bytes as usize];
-        file.read_exact_at(&mut record, record_at).map_err(failed)?;
-        let record = record::parse::<FragmentHead>(&record).ok_or_else(not_whole)?;
+        let (_, record) = file.record::<FragmentHead>(place)?;
         let (head, [section, chunk_bytes, words]) = blobs(record).ok_or_else(not_whole)?;
         let share = head.share().ok_or_else(not_whole)?;
         let FragmentHead { plan_id, triangle_count, voxels_at, .. } = head;

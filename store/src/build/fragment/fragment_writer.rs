@@ -6,9 +6,8 @@ use crate::budget::{Budget, Lease};
 use crate::build::clusters::pages::ChunkPages;
 use crate::build::draft::DraftFile;
 use crate::build::emit::writer::make_room;
-use crate::build::journal::record;
 use crate::build::partition::cell_table::ShardShare;
-use crate::build::shard_file::{PlannedModel, ShardFileKind};
+use crate::build::shard_file::{PlannedModel, ShardFileKind, append_record};
 use crate::error::Result;
 use crate::octree::VoxelRuns;
 use crate::scratch::{SEAL_BYTES, seal};
@@ -78,12 +77,7 @@ impl<'a> FragmentWriter<'a> {
         let head = FragmentHead { plan_id, share, triangle_count, voxels_at, model: model.stored() };
         let blobs: [&[u8]; 3] =
             [&materials, bytemuck::cast_slice(&self.chunk_bytes), bytemuck::cast_slice(&words)];
-        let (record_at, mut record) = (self.file.bytes(), Vec::new());
-        record::write_to(&mut record, &head, &blobs).expect("a vector takes all bytes");
-        let record_bytes = record.len() as u64;
-        record.extend(record_at.to_le_bytes());
-        record.extend(record_bytes.to_le_bytes());
-        self.file.append(&record)?;
+        append_record(&mut self.file, &head, &blobs)?;
         Ok(self.file.bytes())
     }
 }

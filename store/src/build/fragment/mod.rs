@@ -1,8 +1,7 @@
 //! A fragment: what one shard makes of its chunks, up to where chunks of other shards have a say.
 //!
 //! ```text
-//! head (`shard_file`) | chunk ... | voxel runs | record: share, model, counts | materials | lengths of chunks | runs
-//!                                              | offset of the record (8) | its bytes (8)
+//! head | chunk ... | voxel runs | record: share, model, counts | materials | lengths of chunks | runs (`shard_file`)
 //! chunk = seal (`crate::scratch`), and `chunk_bytes`
 //! ```
 //!
@@ -23,8 +22,6 @@ use crate::build::partition::cell_table::ShardShare;
 use crate::build::shard_file::StoredModel;
 use serde::{Deserialize, Serialize};
 
-/// Bytes of the end: where the record stands, and how long it is.
-const END_BYTES: usize = 16;
 /// Longest chunk: 2^17 triangles in pages, at most 53 bytes each where no corner is shared, and an emitter of each,
 /// of 80 bytes; twice that.
 pub(crate) const CHUNK_BYTES_MOST: u64 = 32 << 20;

@@ -34,6 +34,8 @@ pub(crate) struct ShardShare {
 pub(crate) struct CellRange {
     first: (u32, u64),
     end: (u32, u64),
+    /// Triangles in those before them.
+    pub(crate) first_triangle: u64,
     /// Triangles in them.
     pub(crate) triangle_count: u64,
 }
@@ -140,8 +142,9 @@ impl CellTable {
         let at = |index: usize| {
             self.cells.get(index).map_or((u32::MAX, u64::MAX), |(place, _)| (place.level, place.key()))
         };
-        let triangle_count = self.cells[first..end].iter().map(|(_, count)| count).sum();
-        CellRange { first: at(first), end: at(end), triangle_count }
+        let count = |cells: &[(CellPlace, u64)]| cells.iter().map(|(_, count)| count).sum();
+        let (first_triangle, triangle_count) = (count(&self.cells[..first]), count(&self.cells[first..end]));
+        CellRange { first: at(first), end: at(end), first_triangle, triangle_count }
     }
 }
 

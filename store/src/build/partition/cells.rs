@@ -208,6 +208,16 @@ impl PartitionCells {
         (self.writer.scratch(), self.cells.iter().map(|cell| (cell.place, cell.runs.as_slice())))
     }
 
+    /// Count of cells.
+    pub(super) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// The cells, with the counts of their triangles.
+    pub(super) fn counts(&self) -> Vec<(CellPlace, u64)> {
+        self.cells.iter().map(|cell| (cell.place, cell.triangle_count)).collect()
+    }
+
     /// Restores the runs of cells that [`Self::runs`] gave, whose scratch file this one has.
     pub(crate) fn restore(&mut self, runs: Vec<(CellPlace, Vec<Run>)>) {
         for (place, runs) in runs {

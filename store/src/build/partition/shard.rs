@@ -1,8 +1,9 @@
 //! The two halves of a partition that many machines share: one counts the cells of an input, the others sort those of
-//! their shard.
+//! their shard; or that one sorts all of them, for the others to read.
 //!
 //! ```text
 //! count     stream -> snap -> cells, counted       -> summary, mean colours, `CellTable`      once
+//!                                   or sorted      -> the same, and scratch, chunks
 //! sort      stream -> snap -> cells of a range     -> scratch, chunks                         by each shard
 //! ```
 //!
@@ -36,6 +37,8 @@ pub(crate) struct CellCensus {
     pub(crate) summary: PartitionSummary,
     pub(crate) mean_colours: Vec<Colour>,
     pub(crate) cells: CellTable,
+    /// The triangles, where they were sorted.
+    pub(crate) sorted: Option<(Scratch, Vec<Chunk>)>,
     _lease: Lease,
 }
 
@@ -64,30 +67,64 @@ impl CellSink for CellCounts {
     }
 }
 
-/// Counts the cells of an input, which is read once.
-pub(crate) fn count(
-    source: &mut dyn TriangleSource,
-    (scan, grid): (&Scan, Grid),
-    options: &BuildOptions,
-    report: PhaseReport<'_>,
-) -> Result<CellCensus> {
-    let memory = SortMemory::lease(scan.attributes, &options.budget)?;
-    let rule = memory.rule(first_levels(scan.triangle_count, &grid), &grid);
-    let mut lease = options.budget.lease(CELLS, 0)?;
-    let mut counts = CellCounts { rule, cells: Vec::new(), by_place: HashMap::new(), last: None };
-    let (mut snapper, mut snapped) = (Snapper::new(grid, source.name()), SnapSummary::new(scan, &grid));
-    for_each_batch(source, options, |batch| {
-        snapper.hash(batch)?;
-        snapper.snap_all(batch, &mut snapped, &mut counts)?;
-        let bytes = counts.cells.len() as u64 * CELL_BYTES;
-        lease.grow(CELLS, bytes.saturating_sub(lease.bytes()))?;
-        report("scan", "triangles", snapper.read, scan.triangle_count);
-        Ok(())
-    })?;
-    let cells = CellTable::new(rule, counts.cells);
-    let mean_colours = snapped.mean_colours();
-    let summary = summarize(scan, cells.triangle_count(), snapped, &snapper, options.voxels)?;
-    Ok(CellCensus { summary, mean_colours, cells, _lease: lease })
+/// What is counted, and how.
+pub(crate) struct CensusWork<'a> {
+    pub(crate) scan: &'a Scan,
+    pub(crate) grid: Grid,
+    /// Where the triangles go, where they are sorted, too.
+    pub(crate) scratch: Option<Scratch>,
+    pub(crate) options: &'a BuildOptions,
+    pub(crate) report: PhaseReport<'a>,
+}
+
+impl CensusWork<'_> {
+    /// Counts the cells of an input, which is read once.
+    pub(crate) fn run(mut self, source: &mut dyn TriangleSource) -> Result<CellCensus> {
+        let CensusWork { scan, grid, options, .. } = self;
+        let memory = SortMemory::lease(scan.attributes, &options.budget)?;
+        let rule = memory.rule(first_levels(scan.triangle_count, &grid), &grid);
+        let mut lease = options.budget.lease(CELLS, 0)?;
+        let (mut snapper, mut snapped) = (Snapper::new(grid, source.name()), SnapSummary::new(scan, &grid));
+        let stream = (&mut snapper, &mut snapped);
+        let (counts, sorted) = match self.scratch.take() {
+            None => {
+                let mut counts = CellCounts { rule, cells: Vec::new(), by_place: HashMap::new(), last: None };
+                self.read(source, stream, &mut counts, |counts| counts.cells.len(), &mut lease)?;
+                (counts.cells, None)
+            }
+            Some(scratch) => {
+                let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule);
+                self.read(source, stream, &mut cells, PartitionCells::len, &mut lease)?;
+                let counts = cells.counts();
+                let (writer, chunks) = cells.into_chunks(options)?;
+                (counts, Some((writer.finish(), chunks)))
+            }
+        };
+        let cells = CellTable::new(rule, counts);
+        let mean_colours = snapped.mean_colours();
+        let summary = summarize(scan, cells.triangle_count(), snapped, &snapper, options.voxels)?;
+        Ok(CellCensus { summary, mean_colours, cells, sorted, _lease: lease })
+    }
+
+    /// Snaps all triangles into `cells`, of which `lease` grows with the number.
+    fn read<C: CellSink>(
+        &self,
+        source: &mut dyn TriangleSource,
+        (snapper, snapped): (&mut Snapper, &mut SnapSummary),
+        cells: &mut C,
+        cell_count: impl Fn(&C) -> usize,
+        lease: &mut Lease,
+    ) -> Result<()> {
+        for_each_batch(source, self.options, |batch| {
+            snapper.hash(batch)?;
+            snapper.snap_all(batch, snapped, cells)?;
+            let bytes = cell_count(cells) as u64 * CELL_BYTES;
+            lease.grow(CELLS, bytes.saturating_sub(lease.bytes()))?;
+            (self.report)("scan", "triangles", snapper.read, self.scan.triangle_count);
+            Ok(())
+        })
+        .map(drop)
+    }
 }
 
 /// What tables of cells are called in messages.

@@ -46,15 +46,16 @@ struct State {
 impl Scratch {
     /// A new one.
     pub(crate) fn create(place: Place) -> Result<Scratch> {
-        Ok(Scratch::from(ScratchFile::at(place)?, 0))
+        Ok(Scratch::in_file(ScratchFile::at(place)?, 0))
     }
 
     /// The one that a build before this has left, of `end` bytes.
     pub(crate) fn reopen(path: PathBuf, end: u64) -> Result<Scratch> {
-        Ok(Scratch::from(ScratchFile::at(Place::Left(path))?, end))
+        Ok(Scratch::in_file(ScratchFile::at(Place::Left(path))?, end))
     }
 
-    fn from(file: ScratchFile, end: u64) -> Scratch {
+    /// The one in a file, of which the first `end` bytes are taken.
+    pub(crate) fn in_file(file: ScratchFile, end: u64) -> Scratch {
         let state = State { end, flushed: end, live: HashMap::new(), is_held: false };
         Scratch { file, state: Mutex::new(state) }
     }
@@ -103,8 +104,7 @@ impl Scratch {
     /// Writes back what is dirty and drops it from the page cache.
     pub(crate) fn flush(&self) -> Result<()> {
         let file = self.file.file();
-        retry_on_intr(|| fdatasync(file))
-            .map_err(|e| self.file.failed("write to the scratch file", &e.into()))?;
+        retry_on_intr(|| fdatasync(file)).map_err(|e| self.file.failed("write to", &e.into()))?;
         let mut state = self.state();
         drop_cache(file, state.flushed, state.end - state.flushed);
         state.flushed = state.end;

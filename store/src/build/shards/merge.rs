@@ -1,6 +1,6 @@
 //! The merge: from the fragments of all shards to the page file.
 
-use super::by_phase;
+use super::{by_phase, with_room};
 use crate::budget::{Budget, RESERVE_BYTES};
 use crate::build::draft::Draft;
 use crate::build::emit::file_id::file_id;
@@ -19,7 +19,6 @@ use crate::build::shard_file::PlannedModel;
 use crate::build::site::{BuildSite, stopped};
 use crate::error::{Code, Error, Result};
 use crate::layout::SUPERBLOCK_BYTES;
-use crate::next_step::NextStep;
 use crate::octree::RUN_BYTES;
 use crate::output::check_apart;
 use crate::progress::Report;
@@ -68,17 +67,6 @@ pub fn merge(work: &MergeWork<'_>, report: Report<'_>) -> Result<BuildReport> {
     })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
-}
-
-/// The error of a limit that is too small, which knows of one lease: named is the limit that has room for more.
-fn with_room(error: Error, more_bytes: u64) -> Error {
-    match error.smallest_limit_bytes() {
-        Some(bytes) => {
-            let bytes = bytes.saturating_add(more_bytes);
-            error.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
-        }
-        None => error,
-    }
 }
 
 /// Opens fragments, which must be all of one plan; gives them in their order, and the model.

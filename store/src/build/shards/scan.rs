@@ -1,17 +1,22 @@
 //! The scan: from inputs to the plan of their shards.
 
 use super::{by_phase, check_named};
+use crate::build::draft::Draft;
 use crate::build::input_sizes::CountingSource;
+use crate::build::journal::{FileKind, Journal};
 use crate::build::model_materials::ModelMaterials;
-use crate::build::options::BuildOptions;
-use crate::build::partition::shard;
+use crate::build::options::{BuildOptions, Resume};
+use crate::build::partition::shard::CensusWork;
 use crate::build::phases::PhaseClock;
 use crate::build::report::PhaseReport;
 use crate::build::scan::{self, lattice};
-use crate::build::shard_file::PlannedModel;
+use crate::build::scratch::Scratch;
+use crate::build::shard_file::{HEAD_BYTES, PlannedModel};
 use crate::build::shard_plan::ShardPlan;
+use crate::build::site::{BuildSite, stopped};
 use crate::error::Result;
 use crate::progress::Report;
+use crate::scratch::Place;
 use crate::source::{SourceStats, TriangleSource};
 use serde::Serialize;
 use std::path::Path;
@@ -22,7 +27,9 @@ pub struct ScanWork<'a> {
     pub output: &'a Path,
     /// What tells the inputs apart from others, by name: their content and how it is read. Shards must have the same.
     pub facts: &'a [(String, String)],
-    /// Those of the build; threads, resumption and scratch are not used.
+    /// Whether the plan gets the triangles, sorted, so that shards need no inputs: about 20 bytes each.
+    pub keeps_triangles: bool,
+    /// Those of the build; threads and scratch are not used. A scan that was killed starts again.
     pub options: &'a BuildOptions,
 }
 
@@ -59,37 +66,64 @@ pub struct ScanReport {
 /// # Errors
 /// Those of [`build`](crate::build::build()) up to the sort of triangles.
 pub fn scan(source: &mut dyn TriangleSource, work: &ScanWork<'_>, report: Report<'_>) -> Result<ScanReport> {
-    by_phase(&work.options.budget, report, |report| work.run(source, report))
+    let ScanWork { output, facts, options, .. } = *work;
+    let site = BuildSite::check(output, options)?;
+    let input = facts.to_vec();
+    let resume = options.resume.as_ref().map(|resume| Resume { input, ..resume.clone() });
+    let options = BuildOptions { resume, ..options.clone() };
+    let mut journal = Journal::begin(output, &site.scratch_folder, &options)?;
+    let place = match &journal {
+        None => Place::Unnamed(site.scratch_folder.clone()),
+        Some(journal) => Place::New(journal.path(FileKind::Draft)),
+    };
+    let scanned = by_phase(&options.budget, report, |report| {
+        let draft = Draft::create(output, &site.folder, place)?;
+        work.run(source, draft, report)
+    });
+    scanned.map_err(|error| stopped(error, output, journal.as_mut()))
 }
 
 impl ScanWork<'_> {
-    fn run(&self, source: &mut dyn TriangleSource, report: PhaseReport<'_>) -> Result<ScanReport> {
-        let ScanWork { output, facts, options } = *self;
+    fn run(
+        &self,
+        source: &mut dyn TriangleSource,
+        draft: Draft,
+        report: PhaseReport<'_>,
+    ) -> Result<ScanReport> {
+        let ScanWork { output, facts, options, .. } = *self;
         let mut clock = PhaseClock::start();
-        let folder = options.existing.check(output)?;
         let scan = scan::scan(source, options, report, &mut 0)?;
         let grid = lattice::choose(&scan, options.precision, &source.name())?;
         let mut source = CountingSource::new(source);
-        let census = shard::count(&mut source, (&scan, grid), options, report)?;
+        let scratch = match self.keeps_triangles {
+            false => None,
+            true => Some(Scratch::in_file(draft.as_plan()?, HEAD_BYTES as u64)),
+        };
+        let census = CensusWork { scan: &scan, grid, scratch, options, report }.run(&mut source)?;
         let materials = ModelMaterials::of(source.materials(), &census.mean_colours, &options.budget)?;
         let (sizes, stats) = (source.sizes(), source.stats());
         check_named(output, &stats)?;
-        // Files that the inputs name stand elsewhere on other machines.
-        let source = SourceStats { named_files: Vec::new(), ..stats.clone() };
+        // Files that the inputs name stand elsewhere on other machines, and what was looked up follows from the limit.
+        let source = SourceStats {
+            named_files: Vec::new(),
+            vertex_lookups: 0,
+            vertex_cache_misses: 0,
+            ..stats.clone()
+        };
         let model = PlannedModel { summary: census.summary.clone(), sizes, source, materials };
-        let (bytes, _lease) = ShardPlan::to_bytes(facts, &model, &census, &options.budget)?;
-        ShardPlan::publish(&bytes, output, folder, options)?;
+        let (id, plan_bytes) = ShardPlan::write(facts, &model, &census, draft.file(), &options.budget)?;
+        draft.publish_unread(output, options)?;
         let stretches = census.cells.stretch_lengths();
         let (total_ms, total_cpu_ms) = clock.lap();
         Ok(ScanReport {
-            plan_id: format!("{:016x}", ShardPlan::id_of(&bytes)),
+            plan_id: format!("{id:016x}"),
             input_triangle_count: model.summary.input_triangle_count,
             triangle_count: model.summary.triangle_count,
             cell_count: census.cells.len() as u64,
             stretch_count: stretches.len() as u64,
             longest_stretch: stretches.into_iter().max().unwrap_or(0),
             upper_resolution: model.summary.octree.map_or(0, |(resolution, _)| resolution),
-            plan_bytes: bytes.len() as u64,
+            plan_bytes,
             total_ms,
             total_cpu_ms,
             source: stats,

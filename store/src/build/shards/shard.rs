@@ -1,9 +1,10 @@
-//! A shard: its share of the chunks of a build, as a fragment.
+//! A shard: its share of the chunks of a build, as a fragment; of the inputs, or of a plan that holds the triangles.
 //!
 //! It is locked, journalled and resumed as a build is, but that it resumes no later than behind the sort: chunks are
 //! made again.
 
-use super::by_phase;
+use super::{by_phase, with_room};
+use crate::budget::RESERVE_BYTES;
 use crate::build::draft::Draft;
 use crate::build::emit::voxels::VoxelWork;
 use crate::build::emit::{self, ChunkSet, pack_context};
@@ -18,11 +19,12 @@ use crate::build::partition::cell_table::ShardShare;
 use crate::build::partition::outcome::PartitionOutcome;
 use crate::build::partition::shard::ShardSort;
 use crate::build::phases::{PhaseClock, PhaseCpuMs, PhaseMs};
-use crate::build::plan::{Plan, plan};
+use crate::build::plan::{Plan, plan, smallest_bytes_for};
 use crate::build::report::PhaseReport;
 use crate::build::shard_plan::ShardPlan;
 use crate::build::site::{BuildSite, stopped};
 use crate::error::{Code, Error, Result};
+use crate::next_step::NextStep;
 use crate::output::check_apart;
 use crate::progress::Report;
 use crate::scratch::Place;
@@ -38,8 +40,8 @@ pub struct ShardWork<'a> {
     pub plan_path: &'a Path,
     /// Which share, counted from 1, of how many.
     pub share: (u32, u32),
-    /// What tells the inputs apart from others, by name: those of the plan.
-    pub facts: &'a [(String, String)],
+    /// What tells the inputs apart from others, by name: those of the plan; `None` where no inputs are at hand.
+    pub facts: Option<&'a [(String, String)]>,
     /// The fragment to publish.
     pub output: &'a Path,
     /// Lattice and octree are the plan's.
@@ -80,13 +82,15 @@ pub struct ShardReport {
     pub source: SourceStats,
 }
 
-/// Builds a shard of `source`. A whole fragment of the same plan and share is left as it is.
+/// Builds a shard of `source`, which is not read where the plan holds the triangles, and need not be given then. A
+/// whole fragment of the same plan and share is left as it is.
 ///
 /// # Errors
-/// [`Code::Usage`] for a share that there is not, and where the input is not the plan's; [`Code::InputMismatch`] where
-/// that is known before; those of [`build`](crate::build::build()).
+/// [`Code::Usage`] for a share that there is not, where the input is not the plan's, and without a source for a plan
+/// without triangles; [`Code::InputMismatch`] where that is known before; [`Code::Damaged`] for triangles of the plan
+/// that are not as they were; those of [`build`](crate::build::build()).
 pub fn build(
-    source: &mut dyn TriangleSource,
+    source: Option<&mut dyn TriangleSource>,
     work: &ShardWork<'_>,
     report: Report<'_>,
 ) -> Result<ShardReport> {
@@ -98,7 +102,15 @@ pub fn build(
             .numbers(format!("{number}/{count}; 1/1 to {SHARDS}/{SHARDS}"))
             .next("name a share from 1/N to N/N"));
     }
-    plan.check_inputs(work.facts, work.plan_path)?;
+    if let Some(facts) = work.facts {
+        plan.check_inputs(facts, work.plan_path)?;
+    }
+    if source.is_none() && !plan.has_triangles() {
+        return Err(Error::new(Code::Usage, "the plan holds no triangles, and no inputs are named")
+            .at(work.plan_path)
+            .numbers("0 inputs")
+            .next(NextStep::NameInputsOfPlan));
+    }
     let share = ShardShare { index: number - 1, count };
     if let Some(report) = work.found(share) {
         return Ok(report);
@@ -109,14 +121,22 @@ pub fn build(
         ("plan".to_owned(), format!("{:016x}", plan.id())),
         ("shard".to_owned(), format!("{number}/{count}")),
     ];
-    input.extend_from_slice(work.facts);
+    input.extend_from_slice(&plan.facts);
     let resume = options.resume.as_ref().map(|resume| Resume { input, ..resume.clone() });
     let options = BuildOptions { resume, voxels: plan.voxels(), ..options.clone() };
     let mut journal = Journal::begin(output, &site.scratch_folder, &options)?;
+    let used_bytes = options.budget.used_bytes();
     let built = by_phase(&options.budget, report, |report| {
         ShardBuild { work, share, options: &options, site: &site, report }.run(source, journal.as_mut())
     });
-    let mut out = built.map_err(|error| stopped(error, output, journal.as_mut()))?;
+    let mut out = built.map_err(|error| match error.smallest_limit_bytes() {
+        Some(bytes) if plan.has_triangles() => {
+            // What is sure to be enough: a build's.
+            let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&plan.model.sizes);
+            with_room(error, sure_bytes.saturating_sub(bytes))
+        }
+        _ => stopped(error, output, journal.as_mut()),
+    })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
 }
@@ -158,23 +178,32 @@ struct ShardBuild<'a> {
 }
 
 impl ShardBuild<'_> {
-    fn run(&self, source: &mut dyn TriangleSource, mut journal: Option<&mut Journal>) -> Result<ShardReport> {
+    fn run(
+        &self,
+        source: Option<&mut dyn TriangleSource>,
+        mut journal: Option<&mut Journal>,
+    ) -> Result<ShardReport> {
         let mut out = self.work.report(self.share);
         let ShardBuild { work: ShardWork { plan: shard_plan, output, .. }, options, .. } = *self;
 
-        // Its cells, sorted, unless a build before this has sorted them.
-        let sorted = match journal.as_deref_mut() {
-            None => None,
-            Some(journal) => self.sorted_before(journal)?,
+        // Its cells, sorted: by the scan, by a build before this, or now.
+        let planned = self.planned()?;
+        let is_planned = planned.is_some();
+        let before = match journal.as_deref_mut() {
+            Some(journal) if !is_planned => self.sorted_before(journal)?,
+            _ => None,
         };
-        let sizes = self.sizes();
-        (self.work.on_plan)(&plan(&sizes, options, &self.site.scratch_folder)?);
-        let outcome = match sorted {
-            Some(outcome) => {
-                out.resumed_sorted_count = outcome.partition.chunk_triangle_count();
-                outcome
-            }
-            None => self.sort(source, journal.as_deref_mut(), &mut out)?,
+        out.resumed_sorted_count =
+            before.as_ref().map_or(0, |outcome| outcome.partition.chunk_triangle_count());
+        let mut plan = plan(&self.sizes(), options, &self.site.scratch_folder)?;
+        if is_planned {
+            plan.scratch_bytes = 0;
+        }
+        (self.work.on_plan)(&plan);
+        let outcome = match (planned.or(before), source) {
+            (Some(outcome), _) => outcome,
+            (None, Some(source)) => self.sort(source, journal.as_deref_mut(), &mut out)?,
+            (None, None) => unreachable!("a plan without triangles was refused"),
         };
 
         // Clusters, voxel records, pages: chunk by chunk, in order.
@@ -190,15 +219,16 @@ impl ShardBuild<'_> {
         let emissive = outcome.materials.emissive();
         let parted = &outcome.partition;
         let context = pack_context(&parted.summary, &emissive, &outcome.sizes);
-        let is_recorded = journal.as_ref().is_some_and(|journal| journal.has_record(FileKind::Chunks));
+        // A build that resumes reads all of them again, and so do other shards of the plan.
+        let is_kept =
+            is_planned || journal.as_ref().is_some_and(|journal| journal.has_record(FileKind::Chunks));
         let (mut done, all) = (0, parted.chunk_triangle_count());
         let chunks = ChunkSet { first: 0, outcome: &outcome, voxels: voxels.as_ref(), context };
         (self.report)("clusters", "triangles", 0, all);
         emit::build_chunks(&chunks, options, |index, pages| {
             writer.add_chunk(&pages)?;
             let chunk = &parted.chunks[index];
-            // A build that resumes reads all of them again.
-            if !is_recorded {
+            if !is_kept {
                 chunk.pieces.iter().for_each(|piece| parted.scratch.consume(&piece.run, piece.take));
             }
             done += chunk.triangle_count;
@@ -226,6 +256,20 @@ impl ShardBuild<'_> {
         let triangle_count = plan.range(self.share).triangle_count;
         let all = plan.model.sizes;
         InputSizes { triangle_count, emissive_count: all.emissive_count.min(triangle_count), ..all }
+    }
+
+    /// The triangles of the shard as the plan holds them.
+    fn planned(&self) -> Result<Option<PartitionOutcome>> {
+        let plan = self.work.plan;
+        let Some((scratch, chunks)) = plan.triangles(self.share, self.work.plan_path)? else {
+            return Ok(None);
+        };
+        let summary = plan.model.summary.clone();
+        let partition = Partition { scratch, chunks, summary, mean_colours: Vec::new(), wait_ms: 0 };
+        let materials = plan.model.materials.copy(&self.options.budget)?;
+        // What its scan has told is not told again.
+        let source = SourceStats::default();
+        Ok(Some(PartitionOutcome { partition, materials, sizes: self.sizes(), source }))
     }
 
     /// What a build before this has sorted, where that is whole; records that are not are removed.

@@ -12,6 +12,8 @@ struct Yard {
     options: BuildOptions,
     whole: Vec<u8>,
     facts: Vec<(String, String)>,
+    /// Whether the plan holds the triangles; then shards are built of it alone.
+    keeps_triangles: bool,
 }
 
 impl Yard {
@@ -19,7 +21,8 @@ impl Yard {
         let options = BuildOptions { voxels, ..options(2, 1 << 30) };
         let (whole, _) = build_bytes(&mut mesh, &options);
         let facts = vec![("input 1".to_owned(), "a mesh".to_owned())];
-        Yard { folder: tempfile::tempdir().unwrap(), mesh, options, whole, facts }
+        let folder = tempfile::tempdir().unwrap();
+        Yard { folder, mesh, options, whole, facts, keeps_triangles: false }
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -29,7 +32,8 @@ impl Yard {
     fn scan(&mut self, name: &str) -> Result<ShardPlan> {
         let output = self.path(name);
         self.mesh.rewind().unwrap();
-        let work = ScanWork { output: &output, facts: &self.facts, options: &self.options };
+        let keeps_triangles = self.keeps_triangles;
+        let work = ScanWork { output: &output, facts: &self.facts, keeps_triangles, options: &self.options };
         shards::scan(&mut self.mesh, &work, &|_| {})?;
         ShardPlan::read(&output, &self.options.budget)
     }
@@ -40,12 +44,16 @@ impl Yard {
             plan,
             plan_path: &self.folder.path().join("plan"),
             share,
-            facts: &self.facts,
+            facts: (!self.keeps_triangles).then_some(&self.facts[..]),
             output,
             options: &self.options,
             on_plan: &|_| {},
         };
-        shards::build(&mut self.mesh, &work, &|_| {})
+        let mesh: Option<&mut dyn TriangleSource> = match self.keeps_triangles {
+            true => None,
+            false => Some(&mut self.mesh),
+        };
+        shards::build(mesh, &work, &|_| {})
     }
 
     fn shards(&mut self, plan: &ShardPlan, count: u32) -> Vec<PathBuf> {
@@ -80,14 +88,20 @@ fn shards_merge_to_the_bytes_of_one_build() {
     let units = Voxels::Refined { upper: 64, refinement: Refinement::By4 };
     for (is_dense, voxels) in [(false, Voxels::default()), (true, units), (false, Voxels::None)] {
         let mut yard = Yard::new(model(is_dense), voxels);
-        let plan = yard.scan("plan").unwrap();
-        for count in [1, 3, 8] {
-            let mut fragments = yard.shards(&plan, count);
-            fragments.reverse();
-            let merged = yard.merge(&fragments).unwrap();
-            assert!(merged == yard.whole, "{count} shards, {voxels:?}: other bytes");
+        let mut ids = vec![];
+        for (keeps_triangles, counts) in [(false, vec![1, 3, 8]), (true, vec![1, 5])] {
+            yard.keeps_triangles = keeps_triangles;
+            let plan = yard.scan(if keeps_triangles { "full plan" } else { "plan" }).unwrap();
+            ids.push(plan.id());
+            for count in counts {
+                let mut fragments = yard.shards(&plan, count);
+                fragments.reverse();
+                let merged = yard.merge(&fragments).unwrap();
+                assert!(merged == yard.whole, "{count} shards, {voxels:?}, {keeps_triangles}: other bytes");
+                fragments.iter().for_each(|fragment| std::fs::remove_file(fragment).unwrap());
+            }
         }
-        drop(plan);
+        assert_eq!(ids[0], ids[1], "a plan is another with its triangles");
         assert_eq!(yard.options.budget.used_bytes(), 0, "a lease is left over");
     }
 }
