@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Page files of 100 million triangles, or of the CAD grid, behind a web server, over wires of several lengths and 200 MiB/s: views
-# that jump in 256 MiB, a record each, and a second look at what is kept on disk. Four minutes of a quiet machine; page files that
-# are missing are built first.
+# that jump in 256 MiB, a record each; a second look at what is kept on disk; and one view in a limit that holds all pages, each of
+# which comes once: what a view needs. Four minutes of a quiet machine; page files that are missing are built first.
 #
 #   bench/http.sh WORK_FOLDER
 set -euo pipefail
@@ -31,7 +31,7 @@ serve() {
 look() {
     local name=$1 switches=$2 viewed
     shift 2
-    "$trex" stress "$url" --scenario flip --switches "$switches" --hold 45000 --memory-limit 256MiB --resolution 1280x720 "$@" \
+    "$trex" stress "$url" --scenario flip --switches "$switches" --hold 45000 --memory-limit "${limit:-256MiB}" --resolution 1280x720 "$@" \
         --json --progress none >document.json || true
     echo >&"$to"
     read -r viewed <&"$from"
@@ -63,6 +63,9 @@ leave() {
     wait "$server" 2>/dev/null || true
 }
 
+serve isosurface-100m.trex 0
+limit=2GiB look isosurface-000-room 1
+leave
 for ms in 0 20 50 100; do
     serve isosurface-100m.trex "$ms"
     look "isosurface-$(printf %03d "$ms")" 4
