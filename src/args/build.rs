@@ -136,7 +136,7 @@ pub struct VoxelArgs {
 #[command(next_help_heading = "Shard options")]
 pub struct ShardArgs {
     /// Build a shard of this plan, which `trex scan` has made of the same inputs; lattice and voxels are the plan's. No
-    /// INPUT needs to be named where it holds the triangles
+    /// INPUT needs to be named where the plan holds the triangles
     #[arg(long, value_name = "PLAN", requires = "shard",
           conflicts_with_all = ["grid_bits", "error", "voxels", "upper_budget", "render_limit", "no_asvo", "clean"])]
     pub plan: Option<PathBuf>,

@@ -17,11 +17,12 @@ use std::path::Path;
 use std::time::Duration;
 use trex_store::build::shards::{self, MergeWork, ScanReport, ScanWork, ShardPlan, ShardReport, ShardWork};
 use trex_store::build::{self, ExistingOutput, Plan, Precision, Resume, Voxels};
+use trex_store::import::VolumeOptions;
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{Error, Result, content_stamp};
+use trex_store::{AttributeSet, Code, Error, Result, content_stamp};
 
-/// Memory that a plan takes at most, over its length: while it is read, and what is kept of it.
+/// Memory that the tables of a plan take at most, over their length: while they are read, and what is kept of them.
 const PLAN_COPIES: u64 = 8;
 
 /// Runs `trex scan`.
@@ -32,7 +33,7 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
         existing: ExistingOutput::replace_if(args.overwrite.overwrite),
         precision: args.lattice.precision(),
         voxels: voxels(&args.voxels),
-        resume: args.keep_triangles.then_some(Resume { input: Vec::new(), every: JOURNAL_EVERY }),
+        resume: None,
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
@@ -69,6 +70,15 @@ pub fn shard(
     let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
     let scratch = work.scratch_folder();
     let has_inputs = !args.inputs.is_empty();
+    if !has_inputs
+        && (inputs.dropped != AttributeSet::default() || *inputs.volumes != VolumeOptions::default())
+    {
+        return Err(Error::new(Code::Usage, "what is said of how inputs are read is said of none")
+            .at(plan_path)
+            .numbers("0 inputs")
+            .next("leave it out: it is the plan's, whose scan has read them")
+            .into());
+    }
     let read = ShardPlan::read(plan_path, &ctx.budget);
     let plan = read.map_err(|error| {
         let plan_bytes = PLAN_COPIES * ShardPlan::table_bytes(plan_path);

@@ -86,14 +86,8 @@ impl ScratchFile {
         Ok(ScratchFile { file, folder: path, kind: BlockFileKind::Fragment })
     }
 
-    /// A plan of a build in shards, whose blocks are read alone.
-    pub(crate) fn of_plan(path: PathBuf) -> Result<ScratchFile> {
-        let file = open_regular(&path)?;
-        Ok(ScratchFile { file, folder: path, kind: BlockFileKind::ShardPlan })
-    }
-
-    /// A plan under way, to be found at `path`.
-    pub(crate) fn of_new_plan(file: File, path: PathBuf) -> ScratchFile {
+    /// A plan of a build in shards that is open, whose blocks are read alone.
+    pub(crate) fn of_plan(file: File, path: PathBuf) -> ScratchFile {
         ScratchFile { file, folder: path, kind: BlockFileKind::ShardPlan }
     }
 

@@ -13,7 +13,7 @@ use super::scratch::drop_cache;
 use crate::error::{Code, Error, Result};
 use crate::layout::Superblock;
 use crate::output::{ExistingOutput, draft, draft_at};
-use crate::scratch::{Place, ScratchFile};
+use crate::scratch::Place;
 use crate::verify;
 use rustix::fs::fdatasync;
 use rustix::io::retry_on_intr;
@@ -48,13 +48,6 @@ impl Draft {
         };
         let file = file.map_err(|e| Error::writing("create a file", folder, &e))?;
         Ok(Draft { file, folder: folder.to_path_buf() })
-    }
-
-    /// The same file as one of blocks, of a plan.
-    pub(super) fn as_plan(&self) -> Result<ScratchFile> {
-        let file = self.file.as_file().try_clone();
-        let file = file.map_err(|e| Error::writing("open the plan again", &self.folder, &e))?;
-        Ok(ScratchFile::of_new_plan(file, self.folder.clone()))
     }
 
     /// To append to it. What is in it is written over.

@@ -17,7 +17,7 @@ use super::partition::summary::{PartitionSummary, StoredSummary};
 use crate::budget::Budget;
 use crate::error::{Code, Error, Result};
 use crate::file::open_regular;
-use crate::layout::VERSION;
+use crate::layout::{MATERIAL_NAME_BYTES, TRIANGLES, VERSION};
 use crate::next_step::NextStep;
 use crate::source::SourceStats;
 use serde::de::DeserializeOwned;
@@ -137,7 +137,12 @@ impl<'a> ShardFile<'a> {
 
     /// The error of a file that is not as it was published.
     pub(crate) fn not_whole(&self) -> Error {
-        self.kind.damaged(self.path, format!("{} bytes that are no whole one", self.bytes))
+        self.kind.damaged(self.path, format!("{} bytes that are no whole {}", self.bytes, self.kind.name()))
+    }
+
+    /// The file once more, for its blocks.
+    pub(crate) fn blocks(&self) -> Result<File> {
+        self.file.try_clone().map_err(|e| Error::io(self.kind.reading(), self.path, &e))
     }
 
     /// Where the record is behind which the file ends at `end`.
@@ -218,7 +223,9 @@ impl PlannedModel {
             && summary.collapsed.count() <= summary.rejected_degenerate
             && summary.triangle_count > 0
             && sizes.triangle_count == summary.input_triangle_count
+            && sizes.triangle_count <= TRIANGLES
             && sizes.emissive_count <= sizes.triangle_count
+            && sizes.name_bytes <= sizes.material_count * MATERIAL_NAME_BYTES as u64
             && sizes.material_count == materials.count() as u64;
         Ok(is_sound.then_some(PlannedModel { summary, sizes, source, materials }))
     }

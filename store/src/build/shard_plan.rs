@@ -10,7 +10,7 @@
 
 use super::draft::DraftFile;
 use super::journal::record;
-use super::options::Voxels;
+use super::options::{BuildOptions, Voxels};
 use super::partition::cell_table::{CELL_BYTES, CellRange, CellTable, ShardShare};
 use super::partition::cells::{SortKey, SortRule};
 use super::partition::chunk::Chunk;
@@ -41,7 +41,7 @@ struct PlanHead {
 
 /// A plan.
 pub struct ShardPlan {
-    /// Tells it from others: the hash of all that is in it.
+    /// Tells it from others: the hash of all that is in it but the triangles, whose own hash is in it.
     id: u64,
     pub(crate) facts: Vec<(String, String)>,
     pub(crate) model: PlannedModel,
@@ -58,12 +58,13 @@ impl ShardPlan {
         model: &PlannedModel,
         census: &CellCensus,
         mut file: DraftFile<'_>,
-        budget: &Budget,
+        options: &BuildOptions,
     ) -> Result<(u64, u64)> {
-        let triangles_end = census.sorted.as_ref().map(|(scratch, _)| scratch.bytes());
-        file.resume_at(triangles_end.unwrap_or(HEAD_END))?;
-        if let Some((_, chunks)) = &census.sorted {
-            PlannedTriangles::write(chunks, &mut file, budget)?;
+        let budget = &options.budget;
+        // The head's place; it is written last.
+        file.append(&[0; HEAD_BYTES])?;
+        if let Some((scratch, chunks)) = &census.sorted {
+            PlannedTriangles::write((scratch, chunks), &mut file, options)?;
         }
         let mut lease = budget.lease(PLAN, census.cells.len() as u64 * CELL_BYTES)?;
         let (materials, _materials_lease) = model.materials.to_bytes(budget)?;
@@ -88,14 +89,16 @@ impl ShardPlan {
         let mut lease = budget.lease(PLAN, bytes.saturating_mul(record::READING))?;
         let (id, record) = file.record::<PlanHead>(place)?;
         let (head, [section, words]) = blobs(record).ok_or_else(not_whole)?;
-        let words = bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words);
         let model = PlannedModel::parse(head.model, &section, budget)?.ok_or_else(not_whole)?;
+        drop(section);
+        let words = bytemuck::allocation::pod_collect_to_vec::<u8, u64>(&words);
         // How much is buffered is not the plan's to say.
         let bits = model.summary.grid.bits;
         let rule = SortRule { by: SortKey::SizeAndPlace, levels: head.levels, bits, buffered_most: 0 };
         let cells = Some(rule).filter(SortRule::is_first).and_then(|rule| CellTable::parse(rule, &words));
         let cells = cells.filter(|cells| cells.triangle_count() == model.summary.triangle_count);
         let cells = cells.ok_or_else(not_whole)?;
+        drop(words);
         lease.shrink_to(cells.len() as u64 * CELL_BYTES);
         let triangles = match before {
             HEAD_END => None,

@@ -17,15 +17,21 @@ pub(super) struct BuildSite {
 impl BuildSite {
     /// Checks the output and both folders; removes what a build before this has left, where this one leaves nothing.
     pub(super) fn check(output: &Path, options: &BuildOptions) -> Result<BuildSite> {
+        let site = BuildSite::folders(output, options)?;
+        if options.resume.is_none() {
+            left_over::clean(output)?;
+        }
+        Ok(site)
+    }
+
+    /// Checks the output and both folders.
+    pub(super) fn folders(output: &Path, options: &BuildOptions) -> Result<BuildSite> {
         let folder = options.existing.check(output)?.to_path_buf();
         let scratch_folder = options.temp_dir.clone().unwrap_or_else(|| folder.clone());
         if !scratch_folder.is_dir() {
             return Err(Error::new(Code::Usage, "the folder for scratch files does not exist")
                 .at(&scratch_folder)
                 .next(NextStep::MakeScratchFolder));
-        }
-        if options.resume.is_none() {
-            left_over::clean(output)?;
         }
         Ok(BuildSite { folder, scratch_folder })
     }

@@ -17,7 +17,7 @@ pub enum MaterialNaming {
 }
 
 /// How volumes are read.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct VolumeOptions {
     /// The values of their surfaces, finite: what is a value or more is inside. Each surface has a material of its own.
     pub iso_values: Vec<f64>,

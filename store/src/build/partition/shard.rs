@@ -1,5 +1,5 @@
 //! The two halves of a partition that many machines share: one counts the cells of an input, the others sort those of
-//! their shard; or that one sorts all of them, for the others to read.
+//! their shard; or the one sorts all, and the others read them.
 //!
 //! ```text
 //! count     stream -> snap -> cells, counted       -> summary, mean colours, `CellTable`      once

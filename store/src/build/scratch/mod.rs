@@ -15,7 +15,7 @@ pub(super) mod run_writer;
 pub(crate) use run::{Encoder, LatticeTriangle, RUN_TRIANGLES, Run, TriangleList};
 
 use crate::error::{Error, Result};
-use crate::scratch::{Place, ScratchFile, seal};
+use crate::scratch::{Place, SEAL_BYTES, ScratchFile, seal};
 use run::decode;
 use rustix::fs::{Advice, FallocateFlags, fadvise, fallocate, fdatasync};
 use rustix::io::retry_on_intr;
@@ -113,9 +113,16 @@ impl Scratch {
 
     /// Reads a run and appends its triangles to `out`.
     pub(crate) fn read(&self, run: &Run, buffer: &mut Vec<u8>, out: &mut TriangleList) -> Result<()> {
-        let content = self.file.read(run.offset, run.bytes as usize, run.offset, buffer)?;
-        drop_cache(self.file.file(), run.offset, u64::from(run.bytes));
+        self.read_sealed(run, buffer)?;
+        let content = &buffer[SEAL_BYTES..];
         decode(content, run.triangle_count as usize, out).ok_or_else(|| self.damaged(run.offset))
+    }
+
+    /// Reads a run as it stands, seal included.
+    pub(crate) fn read_sealed(&self, run: &Run, buffer: &mut Vec<u8>) -> Result<()> {
+        self.file.read(run.offset, run.bytes as usize, run.offset, buffer)?;
+        drop_cache(self.file.file(), run.offset, u64::from(run.bytes));
+        Ok(())
     }
 
     /// The error of a run that is not what was written.

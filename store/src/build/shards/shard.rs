@@ -132,7 +132,7 @@ pub fn build(
     let mut out = built.map_err(|error| match error.smallest_limit_bytes() {
         Some(bytes) if plan.has_triangles() => {
             // What is sure to be enough: a build's.
-            let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&plan.model.sizes);
+            let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&work.sizes(share));
             with_room(error, sure_bytes.saturating_sub(bytes))
         }
         _ => stopped(error, output, journal.as_mut()),
@@ -150,6 +150,13 @@ impl ShardWork<'_> {
             model_triangle_count: self.plan.triangle_count(),
             ..ShardReport::default()
         }
+    }
+
+    /// Sizes of a shard, from which its memory follows.
+    fn sizes(&self, share: ShardShare) -> InputSizes {
+        let triangle_count = self.plan.range(share).triangle_count;
+        let all = self.plan.model.sizes;
+        InputSizes { triangle_count, emissive_count: all.emissive_count.min(triangle_count), ..all }
     }
 
     /// The report of a fragment that is there, whole, of this share of this plan.
@@ -195,7 +202,7 @@ impl ShardBuild<'_> {
         };
         out.resumed_sorted_count =
             before.as_ref().map_or(0, |outcome| outcome.partition.chunk_triangle_count());
-        let mut plan = plan(&self.sizes(), options, &self.site.scratch_folder)?;
+        let mut plan = plan(&self.work.sizes(self.share), options, &self.site.scratch_folder)?;
         if is_planned {
             plan.scratch_bytes = 0;
         }
@@ -241,21 +248,14 @@ impl ShardBuild<'_> {
         out.output_bytes = writer.finish(&identity, all, runs, &options.budget)?;
         out.triangle_count = all;
         out.chunk_count = parted.chunks.len() as u64;
-        out.scratch_peak_bytes = parted.scratch.bytes() + runs.map_or(0, |runs| runs.size().bytes);
+        let sorted_bytes = if is_planned { 0 } else { parted.scratch.bytes() };
+        out.scratch_peak_bytes = sorted_bytes + runs.map_or(0, |runs| runs.size().bytes);
         (out.phase_ms.clusters, out.phase_cpu_ms.clusters) = clock.lap();
 
         draft.publish_unread(output, options)?;
         (out.phase_ms.publish, out.phase_cpu_ms.publish) = clock.lap();
         out.source = outcome.source;
         Ok(out)
-    }
-
-    /// Sizes of the shard, from which its memory follows.
-    fn sizes(&self) -> InputSizes {
-        let plan = self.work.plan;
-        let triangle_count = plan.range(self.share).triangle_count;
-        let all = plan.model.sizes;
-        InputSizes { triangle_count, emissive_count: all.emissive_count.min(triangle_count), ..all }
     }
 
     /// The triangles of the shard as the plan holds them.
@@ -269,7 +269,7 @@ impl ShardBuild<'_> {
         let materials = plan.model.materials.copy(&self.options.budget)?;
         // What its scan has told is not told again.
         let source = SourceStats::default();
-        Ok(Some(PartitionOutcome { partition, materials, sizes: self.sizes(), source }))
+        Ok(Some(PartitionOutcome { partition, materials, sizes: self.work.sizes(self.share), source }))
     }
 
     /// What a build before this has sorted, where that is whole; records that are not are removed.
@@ -286,7 +286,7 @@ impl ShardBuild<'_> {
         };
         journal.check_named_files(&outcome.source)?;
         outcome.partition.set_unread(0);
-        Ok(Some(PartitionOutcome { sizes: self.sizes(), ..outcome }))
+        Ok(Some(PartitionOutcome { sizes: self.work.sizes(self.share), ..outcome }))
     }
 
     fn sort(
@@ -321,7 +321,12 @@ impl ShardBuild<'_> {
             wait_ms,
         };
         let materials = plan.model.materials.copy(&options.budget)?;
-        let outcome = PartitionOutcome { partition, materials, sizes: self.sizes(), source: source.stats() };
+        let outcome = PartitionOutcome {
+            partition,
+            materials,
+            sizes: self.work.sizes(self.share),
+            source: source.stats(),
+        };
         if let Some(journal) = journal.filter(|journal| journal.is_due()) {
             outcome.record(journal, &options.budget)?;
         }
