@@ -18,8 +18,8 @@ pub struct ScanArgs {
     /// The plan to publish
     #[arg(short, long, value_name = "PLAN.trexplan")]
     pub output: PathBuf,
-    /// Keep the triangles in the plan, sorted, at 5 to 25 bytes each, 15 more with colours and normals: shards read
-    /// these, and no inputs
+    /// Keep the triangles in the plan, sorted, at 4 to 9 bytes each, more with colours and normals: shards read these,
+    /// and no inputs
     #[arg(long)]
     pub keep_triangles: bool,
     #[command(flatten)]

@@ -26,8 +26,8 @@ pub struct ScanWork<'a> {
     pub output: &'a Path,
     /// What tells the inputs apart from others, by name: their content and how it is read. Shards must have the same.
     pub facts: &'a [(String, String)],
-    /// Whether the plan gets the triangles, sorted, so that shards need no inputs: at 5 to 25 bytes each, 15 more with
-    /// colours and normals; while it is written, as much scratch.
+    /// Whether the plan gets the triangles, sorted, so that shards need no inputs: at 4 to 9 bytes each, more with
+    /// colours and normals; until it is written, as much scratch.
     pub keeps_triangles: bool,
     /// Those of the build; threads and resumption are not used.
     pub options: &'a BuildOptions,
