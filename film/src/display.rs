@@ -261,23 +261,27 @@ impl Display {
     ) {
         let step = STEPS[STEPS.len() - 1];
         let Display { resolution, radiance, coarse, standings, .. } = self;
-        let is_exact = |index: u32| film.tile_samples(index) > 0;
-        let is_new = |index: u32| !is_exact(index) && (all_is_new || standings[index as usize].has_new);
-        let corners = |index: u32| Some(standings[index as usize].corners).filter(|_| is_exact(index));
+        // A picture of first rays over exact samples knows nothing of what these saw.
+        let corners = |index: u32| {
+            let corners = standings[index as usize].corners;
+            Some(corners).filter(|corners| film.tile_samples(index) > 0 && corners.any() != 0)
+        };
+        let is_new =
+            |index: u32| corners(index).is_none() && (all_is_new || standings[index as usize].has_new);
         coarse.recall(&is_new, pool);
         coarse.take_light(film, &corners, pool);
         coarse.keep_exact(&|index| film.tile_samples(index));
-        coarse.smooth_exact(&|index| !is_exact(index) && !is_new(index), pool);
+        coarse.smooth_exact(&|index| corners(index).is_none() && !is_new(index), pool);
         // A picture of the finest grid has one sample where these are of some pixels.
         coarse.carry((step, 1.0 + film.samples() as f32), reprojection, pool);
         coarse.fill(step, &corners, radiance, pool);
         pool.install(|| {
             standings.par_iter_mut().enumerate().for_each(|(index, standing)| {
                 standing.has_new = false;
-                if is_exact(index as u32) {
+                let samples = film.tile_samples(index as u32);
+                if samples > 0 && standing.corners.any() != 0 {
                     standing.pixels = standing.corners.any();
                     let luminances = luminances(tile(*resolution, index as u32), film, radiance);
-                    let samples = film.tile_samples(index as u32);
                     *standing = standing.with(shrinkage::worth(&luminances, standing.pixels, samples));
                 }
             });

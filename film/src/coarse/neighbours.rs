@@ -49,7 +49,7 @@ impl<'a, const N: usize> Neighbours<'a, N> {
     #[inline(always)]
     fn add_on_any(&self, total: &mut [f32], sums: [&mut [f32]; N], weight: f32) {
         let Some(Contrast { luminances: [here, there], per_half }) = self.contrast else {
-            return self.add_alike(total, sums, |_| weight);
+            return self.add_alike(total, sums, |_| weight, power_16);
         };
         let count = total.len();
         let (here, per_half) = (&here[self.first..][..count], &per_half[self.first..][..count]);
@@ -62,12 +62,24 @@ impl<'a, const N: usize> Neighbours<'a, N> {
                 let apart = (there[i] - here[i]) * per_half[i];
                 weight / (1.0 + (apart * apart) * (apart * apart))
             },
+            power_16,
         );
     }
 
-    /// Adds neighbours of such weights, where they are alike.
+    /// [`Neighbours::add`] of those alike in depth and albedo, however they are turned and whatever their light.
+    pub(super) fn add_turned(&self, total: &mut [f32], sums: [&mut [f32]; N], weight: f32) {
+        self.add_alike(total, sums, |_| weight, |_| 1.0);
+    }
+
+    /// Adds neighbours of such weights, by `facing` of the cosine between the normals, where they are alike.
     #[inline(always)]
-    fn add_alike(&self, total: &mut [f32], sums: [&mut [f32]; N], weight: impl Fn(usize) -> f32) {
+    fn add_alike(
+        &self,
+        total: &mut [f32],
+        sums: [&mut [f32]; N],
+        weight: impl Fn(usize) -> f32,
+        facing: impl Fn(f32) -> f32,
+    ) {
         let count = total.len();
         let mut sums = sums.map(|sum| &mut sum[..count]);
         let (here, there) = (self.here, self.row);
@@ -84,7 +96,7 @@ impl<'a, const N: usize> Neighbours<'a, N> {
             let apart = (ar0[i] - ar1[i]).abs().max((ag0[i] - ag1[i]).abs()).max((ab0[i] - ab1[i]).abs());
             let is_near = (d0[i] - d1[i]).abs() < DEPTH_SHARE * d0[i].min(d1[i]);
             let is_alike = is_near & (apart < ALBEDO_APART);
-            let weight = if is_alike { weight(i) * power_16(dot.clamp(0.0, 1.0)) } else { 0.0 };
+            let weight = if is_alike { weight(i) * facing(dot) } else { 0.0 };
             total[i] += weight;
             for (sum, light) in sums.iter_mut().zip(light) {
                 sum[i] += weight * light[i];
@@ -93,8 +105,10 @@ impl<'a, const N: usize> Neighbours<'a, N> {
     }
 }
 
+/// The 16th power of a cosine, 0 below 0.
 #[inline]
-fn power_16(x: f32) -> f32 {
+fn power_16(cosine: f32) -> f32 {
+    let x = cosine.clamp(0.0, 1.0);
     let fourth = (x * x) * (x * x);
     (fourth * fourth) * (fourth * fourth)
 }

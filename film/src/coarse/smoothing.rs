@@ -6,7 +6,9 @@
 //! ```
 //!
 //! A neighbour counts where depth and albedo are alike, for less the more its normal differs, and its light from what
-//! noise explains: so shadows keep their edges where light has little noise, and noise goes where it has much.
+//! noise explains: so shadows keep their edges where light has little noise, and noise goes where it has much. A sample
+//! on an outline may be turned away from all around it, and would stay a dot: the first pass mixes it with those alike
+//! in depth and albedo.
 //! H. Dammertz, D. Sewtz, J. Hanika, H. Lensch, "Edge-avoiding a-trous wavelet transform for fast global illumination
 //! filtering" (2010); C. Schied et al., "Spatiotemporal variance-guided filtering" (2017), 4.2 to 4.4.
 //!
@@ -37,6 +39,8 @@ const DEVIATION_STRIDES: [usize; 2] = [1, 2];
 /// Deviations of a sample by which the light of a neighbour differs that counts half, pass by pass: each leaves less of
 /// its noise.
 const APART: [f32; 5] = [4.0, 2.0, 1.0, 0.5, 0.25];
+/// A sample is alone when its neighbours weigh less together than this share of its own weight.
+const ALONE_SHARE: f32 = 1.0 / 16.0;
 /// Samples along a side of a block that has one deviation.
 const BLOCK_SIDE: usize = 2;
 /// Deviation of light that has no noise, as a share of it: of a slope.
@@ -244,6 +248,28 @@ impl SampleGrid<'_> {
                 let sums = out.each_mut().map(|row| &mut row[first..end]);
                 let neighbours = Neighbours { here, first, row, light, at, contrast };
                 neighbours.add(&mut total[first..end], sums, weight_x * weight_y);
+            }
+        }
+        if guide.is_some() && stride == STRIDES[0] {
+            for x in from..to {
+                if total[x] >= (1.0 + ALONE_SHARE) * own {
+                    continue;
+                }
+                total[x] = own;
+                out.iter_mut().zip(row_of(y)).for_each(|(out, light)| out[x] = own * light[x]);
+                for (down, weight_y) in WEIGHTS.iter().enumerate() {
+                    let Some(other) = near[down] else { continue };
+                    let (row, light) = (surfaces.row(other), row_of(other));
+                    for (right, weight_x) in WEIGHTS.iter().enumerate() {
+                        let at = (x + right).wrapping_sub(1);
+                        if at >= width || (down, right) == (1, 1) {
+                            continue;
+                        }
+                        let sums = out.each_mut().map(|row| &mut row[x..=x]);
+                        let neighbours = Neighbours { here, first: x, row, light, at, contrast: None };
+                        neighbours.add_turned(&mut total[x..=x], sums, weight_x * weight_y);
+                    }
+                }
             }
         }
         for row in out {

@@ -101,10 +101,11 @@ fn nothing_bleeds_over_the_edge_of_a_surface() {
 /// Bumps finer than the grid: between samples of one surface that are turned otherwise is their mean.
 #[test]
 fn between_samples_that_are_turned_otherwise_lies_their_mean() {
-    let mut display = display([16, 8]);
-    for x in [0, 8] {
+    let mut display = display([16, 16]);
+    // Two of each, so that none is alone.
+    for [x, y] in [[0, 0], [8, 0], [0, 8], [8, 8]] {
         let normal = if x == 0 { [0.8, 0.0, 0.6] } else { [-0.8, 0.0, 0.6] };
-        display.set([x, 0], Vec3::splat(1.0 + x as f32), &LayerPixel { normal, ..seen([0, 0]) });
+        display.set([x, y], Vec3::splat(1.0 + x as f32), &LayerPixel { normal, ..seen([0, 0]) });
     }
     display.show((0, 8), false, None, &pool(2));
     for (x, share) in (0..8).zip([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875]) {
@@ -214,6 +215,23 @@ fn the_picture_is_made_anew_in_light_that_has_changed_by_itself() {
     display.refresh(&film, &pool(2));
     assert!(display.refreshes() == 2 && display.state() == Some(film.state()));
     assert!(pixels().all(|pixel| (at(&display, pixel)[0] - 5.0).abs() < 1e-2));
+}
+
+/// A picture of first rays that is shown over exact samples knows nothing of what they saw: it stays as it is.
+#[test]
+fn a_picture_that_is_shown_over_exact_samples_is_not_made_of_them() {
+    let mut display = shown(2, |_| 1.0);
+    let mut film = Film::new(RESOLUTION, Layers::default(), &Budget::unlimited()).unwrap();
+    for tile in (0..tile_count(RESOLUTION)).map(|index| tile(RESOLUTION, index)) {
+        film.add(&tile, &vec![[3.0; 3]; tile.pixel_count() as usize]);
+        let saw: Vec<_> = (0..tile.pixel_count()).map(|at| (tile.pixel(at), seen(tile.pixel(at)))).collect();
+        display.learn(&tile, &saw);
+    }
+    set_samples(&mut display, 2, |_| 2.0);
+    display.show((film.state(), 2), false, None, &pool(2));
+    display.refresh(&film, &pool(2));
+    assert_eq!(display.refreshes(), 1);
+    assert!(pixels().all(|pixel| (at(&display, pixel)[0] - 2.0).abs() < 1e-2));
 }
 
 /// Tiles 0 and 4 of 6 are exact. What is there is the exact light alone where the preview saw voxels; where it saw

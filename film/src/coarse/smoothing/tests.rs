@@ -13,7 +13,9 @@ const RESOLUTION: [u32; 2] = [75, 58];
 fn sample([x, y]: [u32; 2], seed: u64) -> (LayerPixel, [f64; 3]) {
     let chance = |of: u64| mix(seed << 40 | of << 32 | u64::from(y << 16 | x)) as f64 / u64::MAX as f64;
     let depth = if y < 20 { 2.0 } else { [2.0, 2.0625, 2.5][(chance(0) * 3.0) as usize] };
-    let normal = [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, 0.2, 0.97]][(chance(1) * 3.0) as usize];
+    // Few are turned away from all others.
+    let normals = [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, 0.2, 0.97], [1.0, 0.0, 0.0]];
+    let normal = normals[(chance(1) * 3.1) as usize];
     let albedo = [[0.4; 3], [0.4, 0.43, 0.4], [0.8, 0.4, 0.2]][(chance(2) * chance(3) * 3.0) as usize];
     let seen = LayerPixel { depth, normal, albedo, id: 0, ..LayerPixel::NOTHING };
     let shade = if x < 30 { 1.0 } else { 6.0 };
@@ -25,17 +27,18 @@ fn sample([x, y]: [u32; 2], seed: u64) -> (LayerPixel, [f64; 3]) {
 }
 
 /// Weighted means over neighbours `stride` apart, sample by sample; `share` tells how much the light of one beside
-/// another counts, by their places.
+/// another counts, by their places. Where that is for less than a sixteenth of a sample's own, `or_all` has those alike
+/// in depth and albedo count alone.
 fn means<const N: usize>(
     [width, height]: [usize; 2],
     seen: &[LayerPixel],
     light: &[[f64; N]],
-    stride: usize,
+    (stride, or_all): (usize, bool),
     share: &dyn Fn(usize, usize) -> f64,
 ) -> Vec<[f64; N]> {
     let kept = |v: f32, parts: f64| (f64::from(v) * parts).round() / parts;
     let at = |x: usize, y: usize| y * width + x;
-    let mean = |(x, y): (usize, usize)| {
+    let sums = |(x, y): (usize, usize), is_all: bool| {
         let (here, mut sum, mut total) = (at(x, y), [0.0; N], 0.0);
         for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
             let [x, y] = [(x, dx), (y, dy)].map(|(v, by): (usize, isize)| v as isize + by * stride as isize);
@@ -49,11 +52,24 @@ fn means<const N: usize>(
                 let dot: f64 = (0..3).map(|c| kept(a.normal[c], 127.0) * kept(b.normal[c], 127.0)).sum();
                 let is_alike = (a.depth - b.depth).abs() < 0.08 * a.depth.min(b.depth)
                     && (0..3).all(|c| (kept(a.albedo[c], 255.0) - kept(b.albedo[c], 255.0)).abs() < 0.08);
-                let facing = dot.clamp(0.0, 1.0).powi(16);
-                weight *= if is_alike { facing * share(here, there) } else { 0.0 };
+                let guided = || dot.clamp(0.0, 1.0).powi(16) * share(here, there);
+                weight *= if !is_alike {
+                    0.0
+                } else if is_all {
+                    1.0
+                } else {
+                    guided()
+                };
             }
             total += weight;
             (0..N).for_each(|c| sum[c] += weight * light[there][c]);
+        }
+        (sum, total)
+    };
+    let mean = |place| {
+        let (mut sum, mut total) = sums(place, false);
+        if or_all && total < 0.25 * 17.0 / 16.0 {
+            (sum, total) = sums(place, true);
         }
         sum.map(|sum| sum / total)
     };
@@ -66,7 +82,7 @@ fn naive(size: [usize; 2], seen: &[LayerPixel], mut light: Vec<[f64; 3]>) -> Vec
     let mut moments: Vec<[f64; 2]> =
         light.iter().map(|light| [bright(light), bright(light).powi(2)]).collect();
     for stride in [1, 2] {
-        moments = means(size, seen, &moments, stride, &|_, _| 1.0);
+        moments = means(size, seen, &moments, (stride, false), &|_, _| 1.0);
     }
     for (stride, apart) in [(1, 4.0), (2, 2.0), (4, 1.0), (8, 0.5), (16, 0.25)] {
         let share = |here: usize, there: usize| {
@@ -83,7 +99,7 @@ fn naive(size: [usize; 2], seen: &[LayerPixel], mut light: Vec<[f64; 3]>) -> Vec
             let deviation = (if variance < 1.5 * floor { floor } else { 2.0 * floor }).sqrt();
             1.0 / (1.0 + ((other - own) / (apart * deviation + 0.02 * own)).powi(4))
         };
-        light = means(size, seen, &light, stride, &share);
+        light = means(size, seen, &light, (stride, stride == 1), &share);
     }
     light
 }
@@ -143,4 +159,30 @@ fn the_edge_of_a_shadow_stays() {
         let furthest = far.map(apart).fold(0.0, f32::max);
         assert!(furthest < if noise == 0.0 { 0.01 } else { 0.12 }, "{noise}: {furthest}");
     }
+}
+
+/// A dark sample that is turned away from all around it is mixed with them; not over an edge of depth, and two alike
+/// have each other.
+#[test]
+fn a_sample_on_an_outline_is_no_dot() {
+    let wall =
+        LayerPixel { depth: 2.0, normal: [0.0, 0.0, 1.0], albedo: [0.5; 3], id: 0, ..LayerPixel::NOTHING };
+    let turned = LayerPixel { normal: [0.0, 1.0, 0.0], ..wall };
+    let light_of = |dark: &[[u32; 2]], saw: &LayerPixel| {
+        let mut coarse = Coarse::new([64, 64]);
+        for pixel in (0..32).flat_map(|y| (0..32).map(move |x| [2 * x, 2 * y])) {
+            match dark.contains(&pixel) {
+                true => coarse.set(pixel, Vec3::ZERO, saw),
+                false => coarse.set(pixel, Vec3::splat(0.5), &wall),
+            }
+        }
+        coarse.smooth(2, &pool(2));
+        let (_, [red, ..]) = coarse.smoothed(2);
+        dark.iter().map(|[x, y]| red[(y / 2 * 32 + x / 2) as usize]).collect::<Vec<_>>()
+    };
+    // A quarter of the weight of 3x3 is its own; its neighbours take hardly any of it.
+    let found = light_of(&[[20, 30]], &turned)[0];
+    assert!((found - 0.75).abs() < 0.01, "{found}");
+    assert_eq!(light_of(&[[20, 30]], &LayerPixel { depth: 3.0, ..turned }), [0.0]);
+    assert_eq!(light_of(&[[20, 30], [22, 30]], &turned), [0.0; 2]);
 }
