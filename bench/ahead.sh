@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # What reading ahead is worth: a hand that moves and views that jump, with it and without, in turns, on four kinds of model, each
-# run a record of its own. An hour of a quiet machine; page files that are missing are built first.
+# run a record of its own. An hour and a half of a quiet machine; page files that are missing are built first.
 #
 #   bench/ahead.sh WORK_FOLDER [ROUNDS]
 set -euo pipefail
 work=$(realpath "${1:?usage: bench/ahead.sh WORK_FOLDER [ROUNDS]}")
-rounds=${2:-10}
+rounds=${2:-20}
 cd "$(dirname "$0")/.."
 root=$PWD
 cargo build --release -q -p trex -p trex-bench
@@ -30,7 +30,9 @@ judged() {
     done
 }
 judged fly --switches 1 --reference-spp 16
+rounds=5
 judged drag --switches 1
+rounds=1
 judged teleport --switches 20
 judged flip --switches 20
 "$root/target/release/trex-bench" --root "$root" docs

@@ -26,7 +26,7 @@ for model in isosurface-100m pipes-100m kicad-grid scan-100m; do
     mkdir -p $folder
     # A verdict of no ends nothing.
     "$trex" stress $model.trex --scenario flip "${views[@]}" --switches 4 --hold 3200 --memory-limit 256MiB --resolution 1280x720 \
-        --reference-spp 16 --references $model.flip.references --pictures $folder --overwrite --progress none >/dev/null || true
+        --reference-spp 64 --references "${model%-100m}.references" --pictures $folder --overwrite --progress none >/dev/null || true
     folders+=($folder)
 done
 

@@ -79,7 +79,7 @@ part() {
     limit)
         for mib in 104 128 192 256 512; do
             stress limit-isosurface-$mib $mib isosurface-100m.trex --scenario inside --switches 40
-            stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 10
+            stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 12
         done
         ;;
     *)
@@ -94,8 +94,8 @@ jumps() {
     local name=$1 resolution=1280x720
     shift
     local flip=("$@" --scenario flip --hold 3200 --reference-spp 64 --references "$name.references")
-    stress "jump-$name" 256 "${flip[@]}" --switches 10
-    stress "jump-$name-in-memory" 4096 "${flip[@]}" --switches 10
+    stress "jump-$name" 256 "${flip[@]}" --switches 12
+    stress "jump-$name-in-memory" 4096 "${flip[@]}" --switches 12
     stress "drag-$name" 256 "$@" --scenario drag --switches 1 --reference-spp 16 --references "drag-$name.references"
 }
 

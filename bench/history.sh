@@ -32,8 +32,8 @@ for model in pipes-100m isosurface-100m scan-100m kicad-grid; do
     for round in $(seq "$flips"); do
         for way in $(turned "$round" on picture off); do
             record "history-flip-$name-$way" stress $model.trex --scenario flip "${views[@]}" --memory-limit 256MiB \
-                --resolution 1280x720 --history "$way" --switches 24 --hold 3200 --reference-spp 16 \
-                --references "$model.flip.references" || true
+                --resolution 1280x720 --history "$way" --switches 24 --hold 3200 --reference-spp 64 \
+                --references "$name.references" || true
         done
     done
     for round in $(seq "$flights"); do

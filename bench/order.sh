@@ -22,7 +22,7 @@ for model in isosurface-100m pipes-100m kicad-grid scan-100m; do
     for round in $(seq "$rounds"); do
         for order in $( ((round % 2)) && echo saliency error || echo error saliency); do
             record "order-$name-$order" stress $model.trex --scenario flip "${views[@]}" --tile-order $order --switches 8 --hold 3200 \
-                --memory-limit 256MiB --resolution 1280x720 --reference-spp 16 --references "$model.flip.references" || true
+                --memory-limit 256MiB --resolution 1280x720 --reference-spp 64 --references "$name.references" || true
         done
     done
 done

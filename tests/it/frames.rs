@@ -212,6 +212,24 @@ fn a_hand_that_moves_gets_the_finest_picture_that_fits() {
     assert_eq!(frame(&mut session).sample_step, Some(4), "a hand that rested");
 }
 
+/// Light of the pictures on the way is the display's alone: whatever a hand did, the end is the picture at leisure.
+#[test]
+fn light_of_pictures_on_the_way_is_not_in_the_end() {
+    let stage = Stage::new();
+    let mut session = stage.live(Method::Photon);
+    let mut camera = session.view().camera;
+    for step in 0..12 {
+        camera.position[step % 3] += 0.02;
+        session.apply(Event::Camera(camera)).unwrap();
+        // Some have exact tiles, whose light is carried on.
+        let progress = if step % 4 == 3 { FrameProgress::Block } else { FrameProgress::Preview };
+        frame_until(&mut session, progress);
+    }
+    frame_until(&mut session, FrameProgress::Done);
+    let end = at_leisure(&stage, Method::Photon, 1, Some(Event::Camera(camera)));
+    assert!(shown(&session) == end);
+}
+
 /// A file without voxels was refused. Nothing stands in for the pages that its previews lack, no ray of theirs waits,
 /// and the end is the picture at leisure.
 #[test]
