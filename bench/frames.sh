@@ -79,7 +79,7 @@ part() {
     limit)
         for mib in 104 128 192 256 512; do
             stress limit-isosurface-$mib $mib isosurface-100m.trex --scenario inside --switches 40
-            stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 12
+            stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 10
         done
         ;;
     *)

@@ -58,12 +58,12 @@ Examples:
   trex build gen:isosurface:20M -o iso.trex --memory-limit 512MiB
   trex info statue.trex                                what is inside
   trex render statue.trex -o statue.png --memory-limit 128MiB
-  trex view statue.trex                                live in the browser; trex statue.trex does the same
+  trex view statue.trex                                live in the browser; so does trex statue.trex
   trex stress statue.trex --scenario flip              two views in turn: how fast it responds
   trex image diff a.exr reference.exr                  how far apart two pictures are
 
 Results go to stdout, all else to stderr; --json makes the result one JSON document.
-Exit status: 0 done; 1 ran, and the answer is no; 2 usage; 3 bad input; 4 memory limit too small;
+Exit status: 0 done; 1 ran, and the answer is no; 2 usage; 3 bad input; 4 memory limit too small; \
 5 disk full; 6 no such device; 7 reading or writing failed; 70 a bug in trex; 130 interrupted.";
 
 /// The verbs.

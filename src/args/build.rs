@@ -147,9 +147,9 @@ pub struct ShardArgs {
 }
 
 const AFTER_BUILD: &str = "\
-The plan (memory, scratch and output size against the limit and the free space) is printed before work starts.
-The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same
-command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds.
+The plan (memory, scratch and output size against the limit and the free space) is printed before work starts. \
+The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same \
+command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds. \
 Camera and lights of glTF go to OUT.toml, a scene beside the output, unless a file of that name is there.
 
 Examples:
@@ -159,7 +159,7 @@ Examples:
   trex build head.nrrd -o head.trex --iso 60 --iso 120
   trex build head.raw -o head.trex --iso 60 --size 256x256x180 --type uint16
   trex build gen:isosurface:20M:7 -o iso.trex --memory-limit 512MiB --json
-  trex build statue.ply --plan statue.trexplan --shard 3/8 -o 3.trexfrag    one of 8 shards (`trex scan --help`)
+  trex build statue.ply --plan statue.trexplan --shard 3/8 -o 3.trexfrag     see trex scan
   trex build --clean -o ship.trex                      remove what a killed build has left";
 
 /// `trex info`
@@ -218,8 +218,8 @@ impl VerifyArgs {
 }
 
 const AFTER_VERIFY: &str = "\
-Without --quick or --deep every byte is read and compared with its hash. --deep takes memory for the octree, too.
-Behind a damaged table it is not known where pages lie, and that table is named alone.
+Without --quick or --deep every byte is read and compared with its hash. --deep takes memory for the octree, too. \
+Behind a damaged table it is not known where pages lie, and that table is named alone. \
 Exit status 0: clean. 1: damaged; pages, byte ranges, boxes and counts of triangles are named.
 
 Examples:

@@ -43,8 +43,8 @@ pub struct ImageMergeArgs {
 }
 
 const AFTER_IMAGE_MERGE: &str = "\
-Parts by --tiles give the bytes of one render. Those by --samples give its radiance but for the rounding of the sums,
-and always the same for the same cut. Parts of another file, device, version, view or setting are refused, and so are
+Parts by --tiles give the bytes of one render. Those by --samples give its radiance but for the rounding of the sums, \
+and always the same for the same cut. Parts of another file, device, version, view or setting are refused, and so are \
 parts that are missing or there twice. The light is filtered here, row by row: the picture need not fit in memory.
 
 Exit status 1 when parts were rendered without damaged pages: the picture is written all the same.
@@ -117,9 +117,9 @@ impl Metric {
 }
 
 const AFTER_IMAGE_DIFF: &str = "\
-Figures are in linear radiance, per channel and for all together: a PNG is decoded from sRGB, an EXR taken as it is
-(channels R G B, else the first layer with NAME.R NAME.G NAME.B, else Y as grey). Alpha is left out; so are pixels
-that are not finite in one of the pictures, and counted. Equal pictures have an infinite PSNR, null in JSON.
+Figures are in linear radiance, per channel and for all together: a PNG is decoded from sRGB, an EXR taken as it is \
+(channels R G B, else the first layer with NAME.R NAME.G NAME.B, else Y as grey). Alpha is left out; so are pixels \
+that are not finite in one of the pictures, and counted. Equal pictures have an infinite PSNR, null in JSON. \
 FLIP compares what is shown: radiance clamped to 0..1, on a screen 3840 pixels and 0.7 m wide, seen from 0.7 m.
 
 Examples:

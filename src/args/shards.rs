@@ -39,9 +39,9 @@ pub struct ScanArgs {
 }
 
 const AFTER_SCAN: &str = "\
-The plan holds what the shards of a build agree on: lattice, voxel resolution, materials, and the cells of the model
-with their counts. Each shard reads the same inputs, by whatever path, and keeps its share; with --keep-triangles it
-reads its share of the plan instead, wherever that lies. The merged file has the bytes of one `trex build`, whatever
+The plan holds what the shards of a build agree on: lattice, voxel resolution, materials, and the cells of the model \
+with their counts. Each shard reads the same inputs, by whatever path, and keeps its share; with --keep-triangles it \
+reads its share of the plan instead, wherever that lies. The merged file has the bytes of one `trex build`, whatever \
 the number of shards.
 
 Examples:
@@ -71,8 +71,8 @@ pub struct MergeArgs {
 }
 
 const AFTER_MERGE: &str = "\
-Fragments of other plans or versions are refused, and so are those that are missing, there twice, or damaged. The
-merge packs the pages that chunks share, makes the voxel octree, the top of the tree and the tables, reads all back,
+Fragments of other plans or versions are refused, and so are those that are missing, there twice, or damaged. The \
+merge packs the pages that chunks share, makes the voxel octree, the top of the tree and the tables, reads all back, \
 and publishes the file under its name. One that was killed starts again.
 
 Examples:

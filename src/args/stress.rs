@@ -70,20 +70,20 @@ pub struct StressArgs {
 }
 
 const AFTER_STRESS: &str = "\
-Exit status 1 and the reasons when a view had no response for a second, a tile showed nothing, memory
+Exit status 1 and the reasons when a view had no response for a second, a tile showed nothing, memory \
 passed its limit or grew, or a time that was required was not kept.
 
-Times count from the event: rough and whole are a picture that shows nothing older, with a lit ray at
-every 4th and every 2nd pixel; response is an exact fetch block, complete an exact sample in every pixel.
-Views of flip, inside, squeeze and teleport are as near as it takes for the model to fill them, unless
-there are --views, or a camera with a place in the scene.
-A switch of drag is 150 events in 5 s, a quarter of an orbit about what the first view looks at, a pan and
-a zoom, and then the rest, from whose event times count; 11 pictures of the way are compared, too. fly is the
+Times count from the event: rough and whole are a picture that shows nothing older, with a lit ray at \
+every 4th and every 2nd pixel; response is an exact fetch block, complete an exact sample in every pixel. \
+Views of flip, inside, squeeze and teleport are as near as it takes for the model to fill them, unless \
+there are --views, or a camera with a place in the scene. \
+A switch of drag is 150 events in 5 s, a quarter of an orbit about what the first view looks at, a pan and \
+a zoom, and then the rest, from whose event times count; 11 pictures of the way are compared, too. fly is the \
 same on a way from the overview into the model and on through it, or through the views of --views.
 
 Examples:
   trex stress ship.trex --scenario inside --memory-limit 128MiB
-  trex stress iso.trex --scenario flip --memory-limit 128MiB --require whole.p99=33 --require complete.p50=80
+  trex stress iso.trex --scenario flip --require whole.p99=33 --require complete.p50=80
   trex stress iso.trex --scenario teleport --memory-limit 128MiB --reference-spp 256
   trex stress iso.trex --scenario drag --switches 2 --reference-spp 64 --references iso-drag.refs
   trex stress iso.trex --scenario flip --switches 4 --reference-spp 64 --pictures first-second

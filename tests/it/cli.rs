@@ -43,6 +43,22 @@ fn every_verb_explains_its_flags_units_and_defaults() {
     }
 }
 
+/// Paragraphs below the flags are broken at the width of the help alone: breaks of their own left single words on lines.
+#[test]
+fn paragraphs_of_the_help_fill_their_lines() {
+    let verbs = VERBS.into_iter().chain(["bench rays", "bench io", "bench tradeoff", "image diff", "image merge"]);
+    for verb in verbs.chain([""]) {
+        let help = stdout(&format!("{verb} --help"));
+        let lines: Vec<&str> = help.lines().collect();
+        let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ');
+        for pair in lines.windows(2).filter(|pair| is_prose(pair[0]) && is_prose(pair[1])) {
+            let next = pair[1].split(' ').next().unwrap();
+            let is_full = pair[0].len() + 1 + next.len() > 100;
+            assert!(is_full || pair[0].ends_with('.'), "trex {verb} --help: {:?}", pair);
+        }
+    }
+}
+
 /// What only a comparison of methods turns once stood between the size of a picture and its samples.
 #[test]
 fn what_only_research_turns_is_explained_last() {
