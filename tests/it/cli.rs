@@ -46,7 +46,8 @@ fn every_verb_explains_its_flags_units_and_defaults() {
 /// Paragraphs below the flags are broken at the width of the help alone: breaks of their own left single words on lines.
 #[test]
 fn paragraphs_of_the_help_fill_their_lines() {
-    let verbs = VERBS.into_iter().chain(["bench rays", "bench io", "bench tradeoff", "image diff", "image merge"]);
+    let verbs =
+        VERBS.into_iter().chain(["bench rays", "bench io", "bench tradeoff", "image diff", "image merge"]);
     for verb in verbs.chain([""]) {
         let help = stdout(&format!("{verb} --help"));
         let lines: Vec<&str> = help.lines().collect();

@@ -3,7 +3,7 @@
 // Invariant: a measure is two points of the surface; one with a point missing waits for its second click.
 
 import { distance, middle, subtract } from "./vector.js";
-import { button, element, shown } from "./widgets.js";
+import { button, element, encoded, shown } from "./widgets.js";
 
 const MEASURES_MAX = 50;
 const DOT_PIXELS = 4;
@@ -74,11 +74,16 @@ export class Measure {
 
   facts(hit) {
     const vector = (numbers) => numbers.map(shown).join("  ");
+    const dot = element("span", { class: "dot" });
+    dot.style.background = encoded(hit.colour);
+    const is_smooth = hit.shading_normal.some((part, at) => part !== hit.normal[at]);
     const rows = [
       ["Triangle", String(hit.triangle)],
       ["Material", `${hit.name} (${hit.material})`],
       ["Position", vector(hit.position)],
-      ["Normal", hit.normal ? vector(hit.normal) : null],
+      ["Colour", element("span", {}, dot, encoded(hit.colour))],
+      ["Normal", vector(hit.normal)],
+      ["Smooth normal", is_smooth ? vector(hit.shading_normal) : null],
       ["Distance", shown(hit.distance)],
       ["Page", hit.page === undefined || hit.page === null ? null : String(hit.page)],
     ];

@@ -117,11 +117,16 @@ export function vector_row(label, value, changed) {
 const to_encoded = (linear) => (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
 const to_linear = (encoded) => (encoded <= 0.04045 ? encoded / 12.92 : ((encoded + 0.055) / 1.055) ** 2.4);
 
+/** "#rrggbb" of linear `rgb`. */
+export function encoded(rgb) {
+  const part = (x) => Math.round(255 * Math.min(1, Math.max(0, to_encoded(x))));
+  return `#${rgb.map((x) => part(x).toString(16).padStart(2, "0")).join("")}`;
+}
+
 /** "#rrggbb" of the hue of linear `rgb`, its greatest part at full. */
 export function swatch(rgb) {
   const most = Math.max(...rgb);
-  const part = (x) => Math.round(255 * Math.min(1, Math.max(0, to_encoded(most > 0 ? x / most : 1))));
-  return `#${rgb.map((x) => part(x).toString(16).padStart(2, "0")).join("")}`;
+  return encoded(rgb.map((x) => (most > 0 ? x / most : 1)));
 }
 
 /** Linear parts of "#rrggbb". */

@@ -326,7 +326,9 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             material: hit.material,
             name: name_of(model, hit.material as usize).to_owned(),
             position,
+            colour: [0, 1, 2].map(|c| model.materials[hit.material as usize].kd[c] * hit.colour[c]),
             normal: hit.normal,
+            shading_normal: hit.shading_normal,
             distance: hit.t,
             page: hit.page,
         });

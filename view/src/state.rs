@@ -245,7 +245,11 @@ pub(crate) struct HitText {
     pub(crate) material: u32,
     pub(crate) name: String,
     pub(crate) position: [f64; 3],
+    /// Diffuse reflectance there, linear: the material's by the colour of the mesh.
+    pub(crate) colour: [f32; 3],
     pub(crate) normal: [f32; 3],
+    /// `normal` where there is no other.
+    pub(crate) shading_normal: [f32; 3],
     pub(crate) distance: f64,
     pub(crate) page: u32,
 }

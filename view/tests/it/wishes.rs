@@ -173,6 +173,12 @@ fn a_pick_says_what_is_there() {
     let picked = page.text("picked");
     assert_eq!((&picked["id"], &picked["hit"]["name"]), (&json!(7), &json!("default")));
     assert!(picked["hit"]["distance"].as_f64().unwrap() > 0.0, "{picked}");
+    // Of the material alone, and flat: the model has neither colours nor normals.
+    assert_eq!(picked["hit"]["colour"], json!([0.7, 0.7, 0.7]), "{picked}");
+    assert_eq!(picked["hit"]["shading_normal"], picked["hit"]["normal"]);
+    let square = |part: &serde_json::Value| part.as_f64().unwrap().powi(2);
+    let squares: f64 = picked["hit"]["normal"].as_array().unwrap().iter().map(square).sum();
+    assert!((squares - 1.0).abs() < 1e-5, "{picked}");
     for pixel in [[0, 0], [160, 0], [u32::MAX, u32::MAX]] {
         page.say(&json!({"type": "pick", "id": 8, "pixel": pixel}));
         assert!(page.text("picked")["hit"].is_null());
