@@ -31,8 +31,8 @@ pub struct ExportArgs {
 
 const AFTER_EXPORT: &str = "\
 Vertices stand where the page file has them, to the bit; .stl rounds them to single precision. Materials go to .obj \
-and .glb. The file tells origin and step of the lattice, so that `trex build` gives the same triangles again. Boxes that \
-fill space without gaps share no triangle. A .glb holds 4 GiB at most.
+and .glb. The file tells origin and step of the lattice, so that `trex build` gives the same triangles again. Boxes \
+that fill space without gaps share no triangle. A .glb holds 4 GiB at most.
 
 Examples:
   trex export statue.trex -o statue.ply

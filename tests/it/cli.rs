@@ -43,12 +43,21 @@ fn every_verb_explains_its_flags_units_and_defaults() {
     }
 }
 
-/// Paragraphs below the flags are broken at the width of the help alone: breaks of their own left single words on lines.
+/// Paragraphs below the flags are broken at the width of the help alone; other breaks left single words on lines.
 #[test]
 fn paragraphs_of_the_help_fill_their_lines() {
-    let verbs =
-        VERBS.into_iter().chain(["bench rays", "bench io", "bench tradeoff", "image diff", "image merge"]);
-    for verb in verbs.chain([""]) {
+    let others = [
+        "",
+        "stress",
+        "scan",
+        "merge",
+        "bench rays",
+        "bench io",
+        "bench tradeoff",
+        "image diff",
+        "image merge",
+    ];
+    for verb in VERBS.into_iter().chain(others) {
         let help = stdout(&format!("{verb} --help"));
         let lines: Vec<&str> = help.lines().collect();
         let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ');

@@ -88,7 +88,6 @@ export class Handles {
     const at = this.nearest(x, y)?.at ?? -1;
     if (at !== this.hovered) {
       this.hovered = at;
-      document.body.classList.toggle("on-handle", at >= 0);
       this.app.paint();
     }
   }

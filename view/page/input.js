@@ -72,8 +72,8 @@ export class Input {
       this.drag = { kind: "pinch", has_moved: true };
       return;
     }
-    const handle = event.button === 0 ? this.app.panels.handles.grab(this.in_picture(x, y)) : null;
     const picks = event.button === 0 && (event.ctrlKey || event.metaKey || this.app.panels.tool !== null);
+    const handle = event.button === 0 && !picks ? this.app.panels.grab(this.in_picture(x, y)) : null;
     const shifts = event.button !== 0 || event.shiftKey;
     const kind = handle ? "handle" : picks ? "pick" : shifts ? "pan" : "orbit";
     this.drag = { kind, from: [x, y], has_moved: false, handle };
@@ -84,7 +84,7 @@ export class Input {
     const [x, y] = this.place(event);
     this.at = [x, y];
     if (before === undefined || this.drag === null) {
-      this.app.panels.handles.hover(this.in_picture(x, y));
+      this.app.panels.hover(this.in_picture(x, y));
       return;
     }
     const others = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);

@@ -10,6 +10,7 @@ import { Lights } from "./lights.js";
 import { Materials } from "./materials.js";
 import { Measure } from "./measure.js";
 import { Parts } from "./parts.js";
+import { SectionHandles } from "./section_handles.js";
 import { Settings } from "./settings.js";
 import { Statistics } from "./statistics.js";
 
@@ -47,6 +48,7 @@ export class Panels {
     this.handles = new Handles(app);
     this.measure = new Measure(app, this);
     this.parts = new Parts(app, this);
+    this.section_handles = new SectionHandles(app, this);
     this.materials = new Materials(app, this);
     this.help = new Help(byId("help"));
     this.settings = new Settings(app);
@@ -78,6 +80,17 @@ export class Panels {
     if (this.open_name === null && name !== null && this.content[name]) {
       this.open(name, false);
     }
+  }
+
+  /** The handle at a place of the picture as what a drag moves; null for none. */
+  grab(at) {
+    return this.section_handles.grab(at) ?? this.handles.grab(at);
+  }
+
+  /** The pointer is at a place of the picture. */
+  hover(at) {
+    this.handles.hover(at);
+    document.body.classList.toggle("on-handle", this.handles.hovered >= 0 || this.section_handles.is_on(at));
   }
 
   toggle(name) {

@@ -16,8 +16,8 @@ const AXES = ["x", "y", "z"];
 const STEPS = 1000;
 const WHOLE = { section: [], hidden_count: 0, hide: [], only: null };
 
-const point_of = (plane) => plane.slice(0, 3);
-const normal_of = (plane) => plane.slice(3);
+export const point_of = (plane) => plane.slice(0, 3);
+export const normal_of = (plane) => plane.slice(3);
 const along = (axis, sign) => [0, 1, 2].map((at) => (at === axis ? sign : 0));
 
 /** The axis that a normal is along, 0 to 2; -1 for none. */

@@ -51,6 +51,7 @@ const FILES: &[PageFile] = &page! {
     "/parts.js", "parts.js", SCRIPT;
     "/picture.js", "picture.js", SCRIPT;
     "/plot.js", "plot.js", SCRIPT;
+    "/section_handles.js", "section_handles.js", SCRIPT;
     "/settings.js", "settings.js", SCRIPT;
     "/stage.js", "stage.js", SCRIPT;
     "/statistics.js", "statistics.js", SCRIPT;

@@ -31,7 +31,7 @@ function input() {
       app.camera = camera;
       done.push("move");
     },
-    panels: { tool: null, handles: { grab: () => null, hover() {} }, clicked: (x, y) => done.push(`click ${x} ${y}`),
+    panels: { tool: null, grab: () => null, hover() {}, clicked: (x, y) => done.push(`click ${x} ${y}`),
       act: (name) => done.push(name) > 0, say() {} } };
   return { app, done, made: new Input(app) };
 }
