@@ -33,6 +33,8 @@ mod tests;
 /// Weights along an axis, of the neighbour before, of the sample and of the neighbour after; and how far these are,
 /// pass by pass.
 const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
+/// Those around a sample: down and to the right, from the one before on.
+const AROUND: [[usize; 2]; 8] = [[0, 0], [0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1], [2, 2]];
 const STRIDES: [usize; 5] = [1, 2, 4, 8, 16];
 /// How far they are when the deviation is told.
 const DEVIATION_STRIDES: [usize; 2] = [1, 2];
@@ -231,45 +233,37 @@ impl SampleGrid<'_> {
         let own = WEIGHTS[1] * WEIGHTS[1];
         total.fill(own);
         out.iter_mut().flat_map(|row| row.iter_mut()).for_each(|light| *light *= own);
-        for (down, weight_y) in WEIGHTS.iter().enumerate() {
+        for [down, right] in AROUND {
             let Some(other) = near[down] else { continue };
-            let (row, light) = (surfaces.row(other), row_of(other));
-            for (right, weight_x) in WEIGHTS.iter().enumerate() {
-                // Columns whose neighbour is on the grid.
-                let right_by = right * stride;
-                let (first, end) = (
-                    from.max(stride.saturating_sub(right_by)),
-                    to.min((width + stride).saturating_sub(right_by)),
-                );
-                if first >= end || (down, right) == (1, 1) {
-                    continue;
-                }
-                let (at, contrast) = (first + right_by - stride, guide.map(|_| contrasts.with(down)));
-                let sums = out.each_mut().map(|row| &mut row[first..end]);
-                let neighbours = Neighbours { here, first, row, light, at, contrast };
-                neighbours.add(&mut total[first..end], sums, weight_x * weight_y);
+            // Columns whose neighbour is on the grid.
+            let right_by = right * stride;
+            let (first, end) = (
+                from.max(stride.saturating_sub(right_by)),
+                to.min((width + stride).saturating_sub(right_by)),
+            );
+            if first >= end {
+                continue;
             }
+            let (row, light) = (surfaces.row(other), row_of(other));
+            let (at, contrast) = (first + right_by - stride, guide.map(|_| contrasts.with(down)));
+            let sums = out.each_mut().map(|row| &mut row[first..end]);
+            let neighbours = Neighbours { here, first, row, light, at, contrast };
+            neighbours.add(&mut total[first..end], sums, WEIGHTS[right] * WEIGHTS[down]);
         }
-        if guide.is_some() && stride == STRIDES[0] {
-            for x in from..to {
-                if total[x] >= (1.0 + ALONE_SHARE) * own {
-                    continue;
-                }
-                total[x] = own;
-                out.iter_mut().zip(row_of(y)).for_each(|(out, light)| out[x] = own * light[x]);
-                for (down, weight_y) in WEIGHTS.iter().enumerate() {
-                    let Some(other) = near[down] else { continue };
-                    let (row, light) = (surfaces.row(other), row_of(other));
-                    for (right, weight_x) in WEIGHTS.iter().enumerate() {
-                        let at = (x + right).wrapping_sub(1);
-                        if at >= width || (down, right) == (1, 1) {
-                            continue;
-                        }
-                        let sums = out.each_mut().map(|row| &mut row[x..=x]);
-                        let neighbours = Neighbours { here, first: x, row, light, at, contrast: None };
-                        neighbours.add_turned(&mut total[x..=x], sums, weight_x * weight_y);
-                    }
-                }
+        let is_first = guide.is_some() && stride == STRIDES[0];
+        for x in (from..to).filter(|_| is_first) {
+            if total[x] >= (1.0 + ALONE_SHARE) * own {
+                continue;
+            }
+            total[x] = own;
+            out.iter_mut().zip(row_of(y)).for_each(|(out, light)| out[x] = own * light[x]);
+            for [down, right] in AROUND {
+                let at = (x + right).checked_sub(1).filter(|at| *at < width);
+                let (Some(other), Some(at)) = (near[down], at) else { continue };
+                let (row, light) = (surfaces.row(other), row_of(other));
+                let sums = out.each_mut().map(|row| &mut row[x..=x]);
+                let neighbours = Neighbours { here, first: x, row, light, at, contrast: None };
+                neighbours.add_turned(&mut total[x..=x], sums, WEIGHTS[right] * WEIGHTS[down]);
             }
         }
         for row in out {
