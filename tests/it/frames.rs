@@ -56,8 +56,13 @@ impl Stage {
 
     fn live(&self, method: Method) -> LiveSession {
         // Long enough for a frame to end by its work, whatever else the machine does.
+        self.live_for(method, Duration::from_secs(60))
+    }
+
+    /// With frames of `t_max`.
+    fn live_for(&self, method: Method, t_max: Duration) -> LiveSession {
         let options = FrameOptions {
-            t_max: Duration::from_secs(60),
+            t_max,
             fetch_block: FetchBlock::Tiles(BLOCK),
             order: TileOrder::Row,
             ..FrameOptions::default()
@@ -210,6 +215,24 @@ fn a_hand_that_moves_gets_the_finest_picture_that_fits() {
     frame_until(&mut session, FrameProgress::Done);
     session.apply(Event::Camera(camera)).unwrap();
     assert_eq!(frame(&mut session).sample_step, Some(4), "a hand that rested");
+}
+
+/// A hand so fast that its pictures have the coarsest grid alone saw voxels for as long as it moved: finer ones alone
+/// asked for pages.
+#[test]
+fn a_hand_that_never_rests_sees_the_mesh() {
+    let stage = Stage::of("gen:isosurface:58k --voxels 64");
+    let mut session = stage.live_for(Method::Direct, Duration::from_nanos(1));
+    let pages_read = || stage.model.pool().unwrap().stats().pages_read;
+    let (before, mut camera) = (pages_read(), session.view().camera);
+    let moves = (0..200).take_while(|_| {
+        camera.position[0] += 1e-4;
+        session.apply(Event::Camera(camera)).unwrap();
+        assert_eq!(frame(&mut session).sample_step, Some(8));
+        std::thread::sleep(Duration::from_millis(10));
+        pages_read() == before
+    });
+    assert!(moves.count() < 200, "no page has come");
 }
 
 /// Light of the pictures on the way is the display's alone: whatever a hand did, the end is the picture at leisure.

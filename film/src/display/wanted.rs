@@ -9,7 +9,7 @@ pub enum GridPart {
     /// Those that no coarser grid holds.
     New,
     /// Those, and the others where stand-ins were seen; but where there are exact samples.
-    NewBesideExact,
+    NewAndStandIns,
     /// Where stand-ins were seen, but where there are exact samples.
     StandIns,
 }
@@ -23,7 +23,7 @@ impl Display {
             return is_new;
         }
         let is_wanted =
-            part == GridPart::NewBesideExact && is_new || self.has_voxels_before(stand_ins_to, pixel);
+            part == GridPart::NewAndStandIns && is_new || self.has_voxels_before(stand_ins_to, pixel);
         // Where there are exact samples, they have said what its pixels are of one surface with.
         is_wanted && self.standings[self.tile_at(pixel)].corners.any() == 0
     }
@@ -68,7 +68,7 @@ mod tests {
             let wants = |part, stand_ins_to| display.wants((2, part), stand_ins_to, pixel);
             for (stand_ins_to, stands_in) in [(1.9, false), (2.1, is_voxel)] {
                 assert_eq!(wants(GridPart::New, stand_ins_to), is_new, "{pixel:?}");
-                assert_eq!(wants(GridPart::NewBesideExact, stand_ins_to), is_open && (is_new || stands_in));
+                assert_eq!(wants(GridPart::NewAndStandIns, stand_ins_to), is_open && (is_new || stands_in));
                 assert_eq!(wants(GridPart::StandIns, stand_ins_to), stands_in);
             }
             assert!(display.wants((8, GridPart::New), 0.0, pixel), "the coarsest grid is all new");

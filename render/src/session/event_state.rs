@@ -118,8 +118,12 @@ impl EventState {
     /// True while pages of what a rough picture shows are on their way, for one frame of tiles: until then a finer grid
     /// would show the same voxels.
     fn awaits_mesh(&self) -> bool {
-        let sees_voxels = STAND_INS_PART * self.preview.stand_ins > self.preview.samples;
-        sees_voxels && !self.has_waited && !self.ladder.is_moving() && self.ladder.is_rough()
+        self.sees_voxels() && !self.has_waited && !self.ladder.is_moving() && self.ladder.is_rough()
+    }
+
+    /// True when much of what the preview saw stood in for mesh.
+    pub(super) fn sees_voxels(&self) -> bool {
+        STAND_INS_PART * self.preview.stand_ins > self.preview.samples
     }
 
     /// Step of the rung of the preview that comes next in a frame of `t_max`.

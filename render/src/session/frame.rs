@@ -103,7 +103,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let LiveSession { session, live: Live { display, event, options, carried, .. } } = self;
         // Tiles of other light than now are taken anew.
         let is_beside = event.finished() > 0 && session.film.state() == event.film_state;
-        let part = if is_beside { GridPart::NewBesideExact } else { GridPart::New };
+        // Pages may have come since the first picture: its voxels would be dots among mesh.
+        let looks_again = is_beside || event.finished() == 0 && !event.ladder.is_empty();
+        let part = if looks_again { GridPart::NewAndStandIns } else { GridPart::New };
         let (mut total, mut rung, mut taken) = (PreviewStats::default(), Some(step), None);
         while let Some(step) = rung {
             let begin = Instant::now();
@@ -137,9 +139,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             Some(_) => FrameProgress::Preview,
             None => FrameProgress::PreviewPart,
         };
-        // Where there is no time for a rough picture there is none for pages.
-        let is_rough = taken.is_some_and(|step| step <= ROUGH_STEP);
-        let is_last = event.ladder.is_moving() && is_rough || event.next_rung(options.t_max).is_none();
+        // Where there is no time for a rough picture there is none for pages, unless it is of coarse voxels.
+        let asks = event.sees_voxels() || taken.is_some_and(|step| step <= ROUGH_STEP);
+        let is_last = event.ladder.is_moving() && asks || event.next_rung(options.t_max).is_none();
         if self.look_where_it_moves() || is_last {
             for tracer in &mut self.session.tracers {
                 tracer.request_missing();
