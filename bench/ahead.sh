@@ -2,10 +2,10 @@
 # What reading ahead is worth: a hand that moves and views that jump, with it and without, in turns, on four kinds of model, each
 # run a record of its own. An hour and a half of a quiet machine; page files that are missing are built first.
 #
-#   bench/ahead.sh WORK_FOLDER [ROUNDS]
+#   bench/ahead.sh WORK_FOLDER [FLIGHTS]
 set -euo pipefail
-work=$(realpath "${1:?usage: bench/ahead.sh WORK_FOLDER [ROUNDS]}")
-rounds=${2:-20}
+work=$(realpath "${1:?usage: bench/ahead.sh WORK_FOLDER [FLIGHTS]}")
+flights=${2:-20}
 cd "$(dirname "$0")/.."
 root=$PWD
 cargo build --release -q -p trex -p trex-bench
@@ -13,10 +13,10 @@ source bench/record.sh
 cd "$work"
 build_kinds
 
-# judged SCENARIO ARGUMENTS...: both ways in turns, on each model.
+# judged ROUNDS SCENARIO ARGUMENTS...: both ways in turns, on each model.
 judged() {
-    local scenario=$1
-    shift
+    local rounds=$1 scenario=$2
+    shift 2
     for model in pipes-100m isosurface-100m scan-100m kicad-grid; do
         [ -e $model.trex ] || continue
         local name=${model%-100m} files=()
@@ -29,10 +29,8 @@ judged() {
         done
     done
 }
-judged fly --switches 1 --reference-spp 16
-rounds=5
-judged drag --switches 1
-rounds=1
-judged teleport --switches 20
-judged flip --switches 20
+judged "$flights" fly --switches 1 --reference-spp 16
+judged 5 drag --switches 1
+judged 1 teleport --switches 20
+judged 1 flip --switches 20
 "$root/target/release/trex-bench" --root "$root" docs

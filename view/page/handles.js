@@ -10,6 +10,8 @@ import { add, distance, length, scale, subtract, unit } from "./vector.js";
 
 /** A handle can be grabbed this far from its middle, CSS pixels. */
 const REACH_PIXELS = 16;
+/** Sides of the head of an arrow: how far they are turned from where it points. */
+const HEAD_TURN = 2.6;
 const RADIUS_PIXELS = 8;
 /** Handles keep this far off the picture's edge. */
 const EDGE_PIXELS = 14;
@@ -18,6 +20,22 @@ const SUN_SHARE = 0.7;
 const SUN_NEAREST = 0.5;
 
 const within = (place, side) => Math.max(EDGE_PIXELS, Math.min(side - EDGE_PIXELS, place));
+
+/** The nearest of some handles to a place of the picture, within reach; `undefined` for none. */
+export function nearest_handle(handles, { x, y }) {
+  const near = handles.map((handle) => ({ ...handle, far: Math.hypot(handle.x - x, handle.y - y) }));
+  return near.filter((handle) => handle.far <= REACH_PIXELS).sort((a, b) => a.far - b.far)[0];
+}
+
+/** Fills the head of an arrow that ends at a place of the picture, `size` pixels long. */
+export function fill_arrow_head(context, { x, y }, angle, size) {
+  context.beginPath();
+  for (const turn of [0, HEAD_TURN, -HEAD_TURN]) {
+    context.lineTo(x + size * Math.cos(angle + turn), y + size * Math.sin(angle + turn));
+  }
+  context.closePath();
+  context.fill();
+}
 
 export class Handles {
   constructor(app) {
@@ -78,14 +96,12 @@ export class Handles {
     });
   }
 
-  nearest(x, y) {
-    const near = (this.last ?? []).map((handle) => ({ ...handle, far: Math.hypot(handle.x - x, handle.y - y) }));
-    const best = near.filter((handle) => handle.far <= REACH_PIXELS).sort((a, b) => a.far - b.far)[0];
-    return this.are_shown ? best : undefined;
+  nearest(at) {
+    return this.are_shown ? nearest_handle(this.last ?? [], at) : undefined;
   }
 
-  hover({ x, y }) {
-    const at = this.nearest(x, y)?.at ?? -1;
+  hover(place) {
+    const at = this.nearest(place)?.at ?? -1;
     if (at !== this.hovered) {
       this.hovered = at;
       this.app.paint();
@@ -93,8 +109,8 @@ export class Handles {
   }
 
   /** The handle at a place of the picture as what a drag moves; null for none. */
-  grab({ x, y }) {
-    const handle = this.nearest(x, y);
+  grab(place) {
+    const handle = this.nearest(place);
     if (handle === undefined || !this.app.may_edit()) {
       return null;
     }
@@ -190,14 +206,8 @@ export class Handles {
     }
     if (light.type === "directional") {
       const tip = places[1];
-      const angle = Math.atan2(tip.y - y, tip.x - x);
-      context.beginPath();
-      for (const turn of [0, 2.6, -2.6]) {
-        context.lineTo(tip.x + 9 * Math.cos(angle + turn), tip.y + 9 * Math.sin(angle + turn));
-      }
-      context.closePath();
       context.fillStyle = "#ffffff";
-      context.fill();
+      fill_arrow_head(context, tip, Math.atan2(tip.y - y, tip.x - x), 9);
     }
   }
 }

@@ -4,12 +4,13 @@
 // Invariant: what is drawn and what can be grabbed are the same list.
 
 import { shift_at } from "./camera.js";
+import { fill_arrow_head, nearest_handle } from "./handles.js";
 import { add, cross, dot, length, scale, subtract } from "./vector.js";
 import { at_offset, normal_of, point_of, rule_of } from "./parts.js";
 
-/** A handle can be grabbed this far from its middle, and its arrow is so long, CSS pixels. */
-const REACH_PIXELS = 16;
+/** Length of the arrow, of its head, and half the side of the square, CSS pixels. */
 const ARROW_PIXELS = 34;
+const HEAD_PIXELS = 8;
 const SIDE_PIXELS = 7;
 /** Below this share of its length a normal is seen too steeply for a drag along it: up and down move the plane then. */
 const SEEN_SHARE = 0.15;
@@ -63,18 +64,13 @@ export class SectionHandles {
     });
   }
 
-  nearest(x, y) {
-    const near = this.last.map((handle) => ({ ...handle, far: Math.hypot(handle.x - x, handle.y - y) }));
-    return near.filter((handle) => handle.far <= REACH_PIXELS).sort((a, b) => a.far - b.far)[0];
-  }
-
-  is_on({ x, y }) {
-    return this.nearest(x, y) !== undefined;
+  is_on(at) {
+    return nearest_handle(this.last, at) !== undefined;
   }
 
   /** The handle at a place of the picture as what a drag moves; null for none. */
-  grab({ x, y }) {
-    const handle = this.nearest(x, y);
+  grab(place) {
+    const handle = nearest_handle(this.last, place);
     if (handle === undefined || !this.app.may_edit()) {
       return null;
     }
@@ -100,20 +96,14 @@ export class SectionHandles {
   paint(context, place) {
     this.last = this.are_shown ? this.placed(place) : [];
     for (const { x, y, way } of this.last) {
-      const [tip_x, tip_y] = [x + ARROW_PIXELS * way[0], y + ARROW_PIXELS * way[1]];
+      const tip = { x: x + ARROW_PIXELS * way[0], y: y + ARROW_PIXELS * way[1] };
       for (const [width, style] of [[4.5, "rgba(0, 0, 0, 0.65)"], [2, "#ffb454"]]) {
         [context.lineWidth, context.strokeStyle, context.fillStyle] = [width, style, style];
         context.beginPath();
         context.moveTo(x, y);
-        context.lineTo(tip_x, tip_y);
+        context.lineTo(tip.x, tip.y);
         context.stroke();
-        context.beginPath();
-        const angle = Math.atan2(way[1], way[0]);
-        for (const turn of [0, 2.6, -2.6]) {
-          context.lineTo(tip_x + 8 * Math.cos(angle + turn), tip_y + 8 * Math.sin(angle + turn));
-        }
-        context.closePath();
-        context.fill();
+        fill_arrow_head(context, tip, Math.atan2(way[1], way[0]), HEAD_PIXELS);
         context.strokeRect(x - SIDE_PIXELS, y - SIDE_PIXELS, 2 * SIDE_PIXELS, 2 * SIDE_PIXELS);
       }
     }

@@ -63,7 +63,7 @@ fn sections_cut(tab: &mut Tab) {
     let handle =
         ["x", "y"].map(|axis| tab.number(&format!("trex.app.panels.section_handles.last[0].{axis}")));
     act(tab, |tab| tab.drag(handle, [handle[0], handle[1] + 20.0], 4));
-    assert!(plane(tab)[2] > -1.5, "{:?}", plane(tab));
+    tab.wait_for("trex.app.state.parts.section[0]?.[2] > -1.5");
     super::fill(tab, "Section 1, offset", "-1.5", "change");
     tab.wait_for("trex.app.state.parts.section[0]?.[2] === -1.5");
     settle(tab);
