@@ -17,6 +17,7 @@ import { box_in, pixel_at, size_for } from "./stage.js";
 import { keep_status } from "./status.js";
 import { Views } from "./views.js";
 import { KIND_FILE } from "./wire.js";
+import { Wishes } from "./wishes.js";
 
 /** Keys of `welcome` and `state` that the page keeps. */
 const KEPT = ["name", "role", "clients", "size", "bounds", "up", "camera", "home", "views", "lights", "light_count",
@@ -39,6 +40,7 @@ class App {
     this.painters = [];
     this.sent = [];
     this.picks = new Map();
+    this.wishes = new Wishes();
     this.ids = 0;
     this.link = "connecting";
     this.camera = null;
@@ -116,10 +118,14 @@ class App {
   }
 
   keep(values, is_welcome) {
-    const keys = KEPT.filter((key) => values[key] !== undefined);
-    if (values.role !== undefined && values.role !== this.state.role) {
+    const { role = this.state.role, seq } = values;
+    if (is_welcome || role !== this.state.role) {
       this.size_sent = "";
+      this.wishes.forget();
     }
+    const wish = { light_count: "lights" };
+    const is_newer_here = (key) => role === "drive" && this.wishes.is_unknown_to(seq, wish[key] ?? key);
+    const keys = KEPT.filter((key) => values[key] !== undefined && !is_newer_here(key));
     for (const key of keys) {
       this.state[key] = values[key];
     }
@@ -216,7 +222,11 @@ class App {
 
   /** Sends an edit; false when this page may not. */
   edit(message) {
-    return this.may_edit() && this.connection.send_event(message) > 0;
+    if (!this.may_edit()) {
+      return false;
+    }
+    this.wishes.sent(message.type, this.connection.send_event(message));
+    return true;
   }
 
   set_settings(settings) {
@@ -232,10 +242,17 @@ class App {
     return this.state.keys.find((key) => key.name === name) ?? { name, title: name, choices: [], methods: [] };
   }
 
+  /** Shows these lights; they are to be sent. */
+  wish_lights(lights) {
+    [this.state.lights, this.state.light_count] = [lights, lights.length];
+    this.wishes.made("lights");
+    this.paint();
+  }
+
   set_lights(lights) {
-    if (this.edit({ type: "lights", lights })) {
-      [this.state.lights, this.state.light_count] = [lights, lights.length];
-      this.paint();
+    if (this.may_edit()) {
+      this.wish_lights(lights);
+      this.edit({ type: "lights", lights });
     }
   }
 

@@ -128,8 +128,7 @@ export class Handles {
           const shift = shift_at(app.camera, size, handle.depth, dx + missing[0], dy + missing[1]);
           missing = [0, 0];
           lights[handle.at] = this.moved(light, point, shift);
-          app.state.lights = lights;
-          app.paint();
+          app.wish_lights(lights);
           this.send();
         }
       },

@@ -39,8 +39,7 @@ export class Lights {
     const lights = [...this.lights];
     lights.splice(at, 1, ...(light ? [light] : []));
     if (this.app.may_edit()) {
-      this.app.state.lights = lights;
-      this.app.paint();
+      this.app.wish_lights(lights);
       this.send(lights);
     }
   }

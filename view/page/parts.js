@@ -90,6 +90,7 @@ export class Parts {
     const lists = hide ? { hide, only: null, hidden_count: hide.length }
       : only ? { hide: null, only, hidden_count: count - only.length } : {};
     this.app.state.parts = { ...this.parts, section, ...lists };
+    this.app.wishes.made("parts");
     this.send(wish);
     return true;
   }

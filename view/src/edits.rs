@@ -271,12 +271,12 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
                     // Who drives knows, but not what the renderer makes of it.
                     let knows = update.camera.is_some() && update.size.is_none();
                     let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
-                    self.shared.send_state(update, driver);
+                    self.shared.send_state(State { seq: Some(self.seq), ..update }, driver);
                 }
             }
             Err(error) => {
                 self.send_error(&error);
-                let update = self.whole_state();
+                let update = State { seq: Some(self.seq), ..self.whole_state() };
                 self.shared.send_state(update, None);
             }
         }

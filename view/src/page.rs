@@ -59,6 +59,7 @@ const FILES: &[PageFile] = &page! {
     "/vector.js", "vector.js", SCRIPT;
     "/views.js", "views.js", SCRIPT;
     "/widgets.js", "widgets.js", SCRIPT;
+    "/wishes.js", "wishes.js", SCRIPT;
 };
 
 /// What is at `path`, if there is something.

@@ -15,6 +15,9 @@ use trex_store::DamageList;
 /// The state of the session; in an update, what has changed of it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct State {
+    /// The newest event of who drives that this knows of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) seq: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) name: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -24,6 +24,7 @@ function lights(list, { may_edit = true } = {}) {
   globalThis.document = { body: { classList: { toggle() {} } } };
   const app = { camera: CAMERA, extent: 5, painters: [], state: { lights: list, bounds: {} }, paint() {},
     may_edit: () => may_edit, set_lights: (given) => may_edit && sent.push(given),
+    wish_lights: (given) => { app.state.lights = given; },
     connection: { send: (message) => sent.push(message) },
     panels: { refresh() {}, rebuild() {}, say: (text) => said.push(text) } };
   const handles = new Handles(app);

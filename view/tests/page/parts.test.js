@@ -5,6 +5,7 @@ import { test } from "node:test";
 import { page, random } from "./page.js";
 
 const { Parts, at_offset, axis_of, nearest_axis, offsets, rule_of, wish_of } = await page("parts");
+const { Wishes } = await page("wishes");
 
 /** Most materials that a message names, as `view/src/wire.rs` has it. */
 const PARTS_MAX = 4096;
@@ -77,7 +78,7 @@ function panel(parts, { may_edit = true, material_count = 5 } = {}) {
   const [said, sent, frames] = [[], [], []];
   globalThis.requestAnimationFrame = (call) => frames.push(call);
   const edit = (message) => sent.push(message.parts);
-  const app = { state: { parts, material_count }, may_edit: () => may_edit, edit };
+  const app = { state: { parts, material_count }, may_edit: () => may_edit, edit, wishes: new Wishes() };
   const made = new Parts(app, { say: (text) => said.push(text), rebuild() {} });
   // Does `call`, and gives what the page has asked for by the next animation frame.
   const asks = (call) => {
@@ -106,6 +107,7 @@ test("an eye hides and shows again", () => {
   const { made, asks } = panel(WHOLE);
   assert.deepEqual(asks(() => made.toggle(2)), { section: [], hide: [2] });
   assert.equal(made.parts.hidden_count, 1);
+  assert.ok(made.app.wishes.is_unknown_to(0, "parts"), "what the server says of before is not taken");
   assert.deepEqual(asks(() => made.toggle(2)), { section: [], hide: [] });
   assert.deepEqual(asks(() => made.only(4)), { section: [], only: [4] });
   assert.equal(made.parts.hidden_count, 4);
