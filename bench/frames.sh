@@ -5,6 +5,7 @@
 #   bench/frames.sh WORK_FOLDER [PART...]
 #
 #   jumps    how wrong pictures of 1280x720 are after a jump, in 256 MiB, with all in memory, and while a hand drags
+#   large    the same at 1920x1080, against references of 16 samples
 #   errors   the same at 512x512 in 128 MiB
 #   views    200 views that jump, by scenario
 #   memory   the same with all that a view needs in memory
@@ -46,11 +47,17 @@ part() {
         jumps scan scan-100m.trex
         [ ! -e kicad-grid.trex ] || jumps kicad-grid kicad-grid.trex
         ;;
+    large)
+        large isosurface isosurface-100m.trex
+        large pipes pipes-100m.trex --views pipes-100m-inside-views.toml
+        large scan scan-100m.trex
+        [ ! -e kicad-grid.trex ] || large kicad-grid kicad-grid.trex
+        ;;
     errors)
-        stress error-isosurface-flip 128 isosurface-100m.trex --scenario flip --switches 12 --reference-spp 256
-        stress error-isosurface-inside 128 isosurface-100m.trex --scenario inside --switches 12 --reference-spp 256
-        stress error-isosurface-light-edit 128 isosurface-100m.trex --scenario light-edit --switches 8 --reference-spp 256
-        stress error-pipes-flip 128 pipes-100m.trex --scenario flip $marked --switches 4 --reference-spp 256
+        errors isosurface flip 12
+        errors isosurface inside 12
+        errors isosurface light-edit 8
+        errors pipes flip 4 $marked
         ;;
     views)
         for scenario in flip inside teleport light-edit; do
@@ -99,6 +106,21 @@ jumps() {
     stress "drag-$name" 256 "$@" --scenario drag --switches 1 --reference-spp 16 --references "drag-$name.references"
 }
 
-[ $# -gt 0 ] || set -- jumps errors views memory size limit
+# large NAME MODEL ARGUMENTS...: from view to view, in 256 MiB.
+large() {
+    local name=$1 resolution=1920x1080
+    shift
+    stress "large-$name" 256 "$@" --scenario flip --hold 3200 --reference-spp 16 --references "large-$name.references" --switches 12
+}
+
+# errors MODEL SCENARIO SWITCHES ARGUMENTS...: in 128 MiB, against 256 samples.
+errors() {
+    local model=$1 scenario=$2 switches=$3
+    shift 3
+    stress "error-$model-$scenario" 128 $model-100m.trex --scenario $scenario "$@" --switches $switches --reference-spp 256 \
+        --references "error-$model-$scenario.references"
+}
+
+[ $# -gt 0 ] || set -- jumps large errors views memory size limit
 for name; do part "$name"; done
 "$root/target/release/trex-bench" --root "$root" docs
