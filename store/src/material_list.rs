@@ -43,6 +43,15 @@ impl MaterialList {
         self.entries[index] = material.checked();
     }
 
+    /// Gives the materials other names, one for each.
+    ///
+    /// # Panics
+    /// When their counts differ.
+    pub(crate) fn rename(&mut self, names: MaterialNames) {
+        assert_eq!(names.len(), self.len(), "a name for each material");
+        self.names = Arc::new(names);
+    }
+
     /// Appends all of `other`.
     pub(crate) fn extend(&mut self, other: &MaterialList) {
         other.named().for_each(|(name, material)| self.push(name, *material));

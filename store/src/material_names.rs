@@ -8,10 +8,17 @@
 
 use crate::layout::{MATERIAL_NAME_BYTES, MATERIALS};
 use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes behind a name that was cut: a tilde, and sixteen hexadecimal digits.
 const CUT_BYTES: usize = 17;
+
+/// Most bytes of a number behind a name: a point and up to six digits, or what a name that was cut ends in.
+const NUMBER_BYTES: usize = CUT_BYTES;
+/// Most bytes for each name of the tables that tell names apart: three entries of 24 bytes, in tables that are half empty
+/// at least, and an end.
+const APART_BYTES: u64 = 160;
 
 const _: () = assert!(CUT_BYTES < MATERIAL_NAME_BYTES);
 const _: () = assert!(MATERIALS * MATERIAL_NAME_BYTES <= u32::MAX as usize);
@@ -32,6 +39,46 @@ impl MaterialNames {
     /// Most bytes of memory of `count` names that have so many bytes together.
     pub(crate) fn bytes(count: u64, text_bytes: u64) -> u64 {
         text_bytes + count * size_of::<u32>() as u64
+    }
+
+    /// True when no name stands twice; takes four bytes a name for as long as it looks.
+    pub(crate) fn all_differ(&self) -> bool {
+        let name = |&index: &u32| self.get(index as usize);
+        let mut order: Vec<u32> = (0..self.len() as u32).collect();
+        order.sort_unstable_by_key(name);
+        order.windows(2).all(|pair| name(&pair[0]) != name(&pair[1]))
+    }
+
+    /// Most bytes of memory that [`MaterialNames::told_apart`] takes, its answer included.
+    pub(crate) fn bytes_to_tell_apart(&self) -> u64 {
+        // Names with numbers behind stand in the answer and in a table.
+        let text = (self.text.len() + self.len() * NUMBER_BYTES) as u64;
+        2 * text + self.len() as u64 * APART_BYTES
+    }
+
+    /// These names, each once: one that stood before gets a number behind, from 2 on, as `steel.2`.
+    pub(crate) fn told_apart(&self) -> MaterialNames {
+        let given: HashSet<&str> = self.iter().collect();
+        let mut table = MaterialNames::with_capacity(self.len(), self.text.len());
+        let (mut counts, mut made) = (HashMap::new(), HashSet::new());
+        for name in self.iter() {
+            let count = counts.entry(name).or_insert(0_u32);
+            *count += 1;
+            if *count == 1 {
+                table.push(name);
+                continue;
+            }
+            let numbered = loop {
+                let numbered = stored_name(&format!("{name}.{count}")).into_owned();
+                if !given.contains(numbered.as_str()) && !made.contains(&numbered) {
+                    break numbered;
+                }
+                *count += 1;
+            };
+            table.push(&numbered);
+            made.insert(numbered);
+        }
+        table
     }
 
     /// Appends a name, cut as [`stored_name`] does.
@@ -131,7 +178,40 @@ mod tests {
         }
     }
 
+    #[test]
+    fn names_that_stand_twice_get_numbers() {
+        let apart = |names: &[&str]| {
+            let names: MaterialNames = names.iter().copied().collect();
+            names.told_apart().iter().map(str::to_owned).collect::<Vec<_>>()
+        };
+        assert_eq!(apart(&["steel", "glass"]), ["steel", "glass"]);
+        let told = apart(&["steel", "glass", "steel", "", "steel", ""]);
+        assert_eq!(told, ["steel", "glass", "steel.2", "", "steel.3", ".2"]);
+        // A number that is somebody's name is passed over, also where it comes later.
+        assert_eq!(apart(&["a", "a", "a.2", "a", "a.2"]), ["a", "a.3", "a.2", "a.4", "a.2.2"]);
+        let long = "n".repeat(MATERIAL_NAME_BYTES);
+        let told = apart(&[&long, &long, &long]);
+        assert!(told[0] == long && told[1] != told[2]);
+        assert!(told.iter().all(|name| name.len() <= MATERIAL_NAME_BYTES));
+    }
+
     proptest! {
+        /// Beside pairs that were compared one by one.
+        #[test]
+        fn names_told_apart_all_differ(names in proptest::collection::vec("[ab.2]{0,3}", 0..40)) {
+            let names: MaterialNames = names.iter().map(String::as_str).collect();
+            let told = names.told_apart();
+            prop_assert_eq!(told.len(), names.len());
+            prop_assert!(told.all_differ());
+            prop_assert_eq!(names.all_differ(), told == names);
+            for (at, name) in told.iter().enumerate() {
+                prop_assert!(told.iter().skip(at + 1).all(|other| other != name));
+                let is_first = names.iter().take(at).all(|before| before != names.get(at).unwrap());
+                prop_assert!(!is_first || name == names.get(at).unwrap(), "the first of a name keeps it");
+                prop_assert!(name.starts_with(names.get(at).unwrap()));
+            }
+        }
+
         #[test]
         fn any_names_come_back(names in proptest::collection::vec(".{0,300}", 0..20)) {
             let table: MaterialNames = names.iter().map(String::as_str).collect();

@@ -250,6 +250,28 @@ fn materials_go_to_obj_and_glb_and_choose() {
     assert!(unknown.expect_error(2, "usage")["what"].as_str().unwrap().contains("nobody"));
 }
 
+/// A name means one material, where two inputs have it, too.
+#[test]
+fn names_that_stand_twice_are_told_apart() {
+    let inside = folder();
+    for (name, kd) in [("a", "0.8 0.1 0.1"), ("b", "0.1 0.1 0.8")] {
+        let mesh = format!("mtllib {name}.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl steel\nf 1 2 3\n");
+        let more = if name == "b" { "f 1 3 4\n" } else { "" };
+        std::fs::write(inside.path().join(format!("{name}.obj")), mesh + more).unwrap();
+        std::fs::write(inside.path().join(format!("{name}.mtl")), format!("newmtl steel\nKd {kd}\n"))
+            .unwrap();
+    }
+    document_in(inside.path(), "build a.obj b.obj -o m.trex --no-asvo");
+    assert_eq!(
+        document_in(inside.path(), "info m.trex")["materials"],
+        serde_json::json!(["steel", "steel.2"])
+    );
+    for (name, count) in [("steel", 1), ("steel.2", 2)] {
+        let line = format!("export m.trex -o part.ply --overwrite --material {name}");
+        assert_eq!(document_in(inside.path(), &line)["triangle_count"], count, "{name}");
+    }
+}
+
 /// Materials of the same names look alike.
 #[track_caller]
 fn check_materials(expected: &Path, found: &Path) {

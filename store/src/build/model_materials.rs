@@ -1,8 +1,8 @@
 //! `ModelMaterials`: the materials that a build writes, and the forms in which it needs them: what emits, what is
 //! hashed, what stands in the file and in the journal.
 //!
-//! Invariants: 1. their memory is leased; names are those of the source, which leases them, where there is one; 2. the
-//! section is made in pieces.
+//! Invariants: 1. their memory is leased; names are those of the source, which leases them, where there is one and they
+//! all differ; 2. the section is made in pieces; 3. of two materials of one name the later one has a number behind.
 
 use crate::budget::{Budget, Lease};
 use crate::cluster::Colour;
@@ -11,6 +11,7 @@ use crate::layout::{MATERIAL_NAME_BYTES, MATERIALS};
 use crate::material::Material;
 use crate::material_json;
 use crate::material_list::MaterialList;
+use crate::material_names::MaterialNames;
 use xxhash_rust::xxh3::Xxh3;
 
 /// What they are called in messages.
@@ -29,8 +30,17 @@ impl ModelMaterials {
         mean_colours: &[Colour],
         budget: &Budget,
     ) -> Result<ModelMaterials> {
-        let lease = budget.lease(LEASED, size_of_val::<[Material]>(list) as u64)?;
+        let copies = size_of_val::<[Material]>(list) as u64;
+        let mut lease = budget.lease(LEASED, copies + size_of::<u32>() as u64 * list.len() as u64)?;
         let mut list = list.clone();
+        if list.names().all_differ() {
+            lease.shrink_to(copies);
+        } else {
+            lease.grow(LEASED, list.names().bytes_to_tell_apart())?;
+            let names = list.names().told_apart();
+            lease.shrink_to(copies + MaterialNames::bytes(names.len() as u64, names.text_bytes() as u64));
+            list.rename(names);
+        }
         let coloured = mean_colours.iter().enumerate().take(list.len());
         for (index, &mean_colour) in coloured {
             list.replace(index, Material { mean_colour, ..list[index] });
