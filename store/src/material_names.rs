@@ -16,8 +16,8 @@ const CUT_BYTES: usize = 17;
 
 /// Most bytes of a number behind a name: a point and up to six digits, or what a name that was cut ends in.
 const NUMBER_BYTES: usize = CUT_BYTES;
-/// Most bytes for each name of the tables that tell names apart: three entries of 24 bytes, in tables that are half empty
-/// at least, and an end.
+/// Most bytes for each name of the tables that tell names apart: three entries of 24 bytes, in tables that are half
+/// empty at least, and an end.
 const APART_BYTES: u64 = 160;
 
 const _: () = assert!(CUT_BYTES < MATERIAL_NAME_BYTES);
@@ -59,7 +59,7 @@ impl MaterialNames {
     /// These names, each once: one that stood before gets a number behind, from 2 on, as `steel.2`.
     pub(crate) fn told_apart(&self) -> MaterialNames {
         let given: HashSet<&str> = self.iter().collect();
-        let mut table = MaterialNames::with_capacity(self.len(), self.text.len());
+        let mut table = MaterialNames::with_capacity(self.len(), self.text.len() + self.len() * NUMBER_BYTES);
         let (mut counts, mut made) = (HashMap::new(), HashSet::new());
         for name in self.iter() {
             let count = counts.entry(name).or_insert(0_u32);
@@ -78,6 +78,7 @@ impl MaterialNames {
             table.push(&numbered);
             made.insert(numbered);
         }
+        table.shrink();
         table
     }
 

@@ -262,10 +262,9 @@ fn names_that_stand_twice_are_told_apart() {
             .unwrap();
     }
     document_in(inside.path(), "build a.obj b.obj -o m.trex --no-asvo");
-    assert_eq!(
-        document_in(inside.path(), "info m.trex")["materials"],
-        serde_json::json!(["steel", "steel.2"])
-    );
+    // Faces before the first `usemtl` would have `default`.
+    let expected = serde_json::json!(["default", "steel", "default.2", "steel.2"]);
+    assert_eq!(document_in(inside.path(), "info m.trex")["materials"], expected);
     for (name, count) in [("steel", 1), ("steel.2", 2)] {
         let line = format!("export m.trex -o part.ply --overwrite --material {name}");
         assert_eq!(document_in(inside.path(), &line)["triangle_count"], count, "{name}");
