@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # What vertex colours and normals cost: bytes a triangle beside meshoptimizer's and Draco's codecs, pages, and the speed of builds, of
-# colours and normals of low and of high frequency on five kinds of model; a record each. Twenty minutes; sizes need no quiet machine,
+# colours and normals of low and of high frequency on five kinds of model; a record each. Ten minutes; sizes need no quiet machine,
 # speeds do. Needs Python with venv, and PyPI.
 #
 #   bench/attributes.sh WORK_FOLDER [TRIANGLES [ROUNDS]]
 set -euo pipefail
 work=$(realpath "${1:?usage: bench/attributes.sh WORK_FOLDER [TRIANGLES [ROUNDS]]}")
-size=${2:-5M}
+size=${2:-1M}
 rounds=${3:-5}
 cd "$(dirname "$0")/.."
 root=$PWD
