@@ -11,8 +11,8 @@ use crate::handle::Model;
 use crate::options::DamagePolicy;
 use std::ops::Range;
 use trex_render::{
-    HITS_PER_RAY, Hit, MemoryPlan, MeshTracer, MeshTriangle, PooledPages, Ray, crossings_all, intersect_all,
-    occluded_all, read_triangles,
+    HITS_PER_RAY, Hit, MemoryPlan, MeshTracer, MeshTriangle, PooledPages, Ray, ShadedHit, crossings_all,
+    intersect_all, intersect_shaded_all, occluded_all, read_triangles,
 };
 use trex_store::{Code, Error, Interrupt, Lease, Result};
 
@@ -36,6 +36,15 @@ impl Model {
     /// out; [`Code::MemoryLimit`].
     pub fn intersect(&self, rays: &[Ray], interrupt: &Interrupt) -> Result<Vec<Option<Hit>>> {
         self.answer(rays, interrupt, intersect_all::<MeshTracer>)
+    }
+
+    /// As [`Model::intersect`], with the colour of the mesh there and the normal that shades it; their pages are waited
+    /// for, too.
+    ///
+    /// # Errors
+    /// Those of [`Model::intersect`].
+    pub fn intersect_shaded(&self, rays: &[Ray], interrupt: &Interrupt) -> Result<Vec<Option<ShadedHit>>> {
+        self.answer(rays, interrupt, intersect_shaded_all::<MeshTracer>)
     }
 
     /// Whether each ray meets anything, in order. As [`Model::intersect`].

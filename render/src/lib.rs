@@ -66,8 +66,8 @@ pub use threads::WorkerThreads;
 pub use trace::{
     AllResident, Answer, Arithmetic, HITS_PER_RAY, Hit, MeshTracer, MeshTriangle, NaiveMesh, NaiveTriangle,
     OpenParts, Page, PagedMesh, PagedTracer, Pages, PartNeeds, Parts, PooledPages, Ray, SECTIONS_MAX,
-    Section, Tracer, crossings_all, intersect_all, occluded_all, pooled_tracers, read_triangles,
-    seated_tracers,
+    Section, ShadedHit, Tracer, crossings_all, intersect_all, intersect_shaded_all, occluded_all,
+    pooled_tracers, read_triangles, seated_tracers,
 };
 pub use trex_film::{
     Brightness, CAMERA_NUMBERS, Display, Film, Image, LayerPixel, Layers, MergeSetup, MergedStrips, Misfit,

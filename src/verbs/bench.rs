@@ -98,6 +98,11 @@ impl fmt::Display for RayBenchReport {
         writeln!(f, "{}", line("primary", &figures.primary))?;
         writeln!(f, "{}", line("shadow", &figures.shadow))?;
         write!(f, "{}", line("incoherent", &figures.incoherent))?;
+        for (name, set) in
+            [("primary, shaded", &figures.primary_shaded), ("incoherent, shaded", &figures.incoherent_shaded)]
+        {
+            set.as_ref().map_or(Ok(()), |set| write!(f, "\n{}", line(name, set)))?;
+        }
         for (name, set) in [("gray", &figures.gray), ("gray, shadow", &figures.gray_shadow)] {
             if let Some(set) = set {
                 write!(f, "\n{}", line(name, set))?;

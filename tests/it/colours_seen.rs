@@ -61,7 +61,7 @@ impl Pages for WithoutColours<'_> {
     }
 }
 
-/// A ray that has met a triangle waits for its colour, and asks for that page alone; whether it meets any it knows.
+/// A ray that is shaded waits for the colour of its triangle, and asks for that page alone; what it meets it knows.
 #[test]
 fn only_what_is_shaded_waits_for_colours() {
     let inside = folder();
@@ -76,16 +76,18 @@ fn only_what_is_shaded_waits_for_colours() {
     for at in 0..40 {
         let origin = [0.7 + f64::from(at), 1.3 + 1.1 * f64::from(at), 60.0];
         let ray = Ray { origin, direction: [0.0, 0.0, -1.0], t_max: f64::INFINITY };
-        let Answer::Exact(Some(hit)) = with.intersect(&ray) else { panic!("it meets the sheet") };
-        assert!(without.occluded(&ray) == Answer::Exact(true) && without.pages().wanted.is_empty());
-        assert!(without.intersect(&ray) == Answer::Blocked);
+        let Answer::Exact(Some(shaded)) = with.intersect_shaded(&ray) else { panic!("it meets the sheet") };
+        let hit = shaded.hit;
+        assert!(without.occluded(&ray) == Answer::Exact(true));
+        assert!(without.intersect(&ray) == Answer::Exact(Some(hit)) && without.pages().wanted.is_empty());
+        assert!(without.intersect_shaded(&ray) == Answer::Blocked);
         let wanted = std::mem::take(&mut without.pages_mut().wanted);
         assert_eq!(wanted, [file.value_page(PageKind::Colours, hit.page, hit.triangle).unwrap()]);
         // What the sheet says of the place: its colours are linear in x and y but for the hole and rounding.
         let in_hole = |v: f64| v > 19.0 && v < 31.0;
         if !(in_hole(origin[0]) && in_hole(origin[1])) {
             let wanted = [origin[0] * 200.0 / 60.0, origin[1] * 255.0 / 60.0, 90.0];
-            for (found, wanted) in hit.colour.into_iter().zip(wanted) {
+            for (found, wanted) in shaded.colour.into_iter().zip(wanted) {
                 let linear = ((wanted / 255.0 + 0.055) / 1.055).powf(2.4);
                 assert!((f64::from(found) - linear).abs() < 0.01, "{origin:?}: {found}, not {linear}");
             }

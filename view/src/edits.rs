@@ -14,7 +14,7 @@ use crate::surroundings::Room;
 use crate::texts;
 use crate::wire::BLOCK_SIDE;
 use trex_render::{
-    Event, Exposure, LightRig, Model, PagedTracer, Pick, RenderKeys, RenderSettings, View, up_axis,
+    Event, Exposure, LightRig, Model, PagedTracer, Pick, RenderKeys, RenderSettings, ShadedHit, View, up_axis,
 };
 use trex_store::{Code, Error, Result};
 
@@ -321,14 +321,14 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let stop = self.around.stop;
         let hit = if is_inside { self.session_mut().pick_until(pixel, &stop) } else { None };
         let model = self.session().model();
-        let hit = hit.map(|Pick { hit, position }| HitText {
+        let hit = hit.map(|Pick { shaded: ShadedHit { hit, colour, shading_normal }, position }| HitText {
             triangle: hit.triangle,
             material: hit.material,
             name: name_of(model, hit.material as usize).to_owned(),
             position,
-            colour: [0, 1, 2].map(|c| model.materials[hit.material as usize].kd[c] * hit.colour[c]),
+            colour: [0, 1, 2].map(|c| model.materials[hit.material as usize].kd[c] * colour[c]),
             normal: hit.normal,
-            shading_normal: hit.shading_normal,
+            shading_normal,
             distance: hit.t,
             page: hit.page,
         });

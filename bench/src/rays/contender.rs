@@ -4,17 +4,15 @@
 
 use super::sets::{BenchRay, Query, RaySet, Space};
 use rustix::time::{ClockId, clock_gettime};
+use std::hint::black_box;
 use std::sync::Mutex;
 use std::time::Duration;
-use trex_render::{
-    AllResident, Answer, Hit, LowerHit, LowerScene, PagedMesh, PagedTracer, PooledPages, Ray, Tracer,
-    VoxelHit, VoxelScene,
-};
+use trex_render::{AllResident, Answer, Hit, PagedMesh, PagedTracer, PooledPages, Ray, Tracer, VoxelHit};
 
 /// Longest sleep for pages; arrivals wake it earlier.
 const WAIT: Duration = Duration::from_millis(50);
 
-const ALL_THERE: &str = "all pages are there";
+pub(super) const ALL_THERE: &str = "all pages are there";
 /// Rays that a worker takes at a time.
 const CHUNK_RAYS: usize = 4096;
 /// `triangle` of a miss.
@@ -42,11 +40,11 @@ impl RayAnswer {
         hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.triangle })
     }
 
-    fn from_voxel(hit: Option<VoxelHit>) -> RayAnswer {
+    pub(super) fn from_voxel(hit: Option<VoxelHit>) -> RayAnswer {
         hit.map_or(RayAnswer::NONE, |hit| RayAnswer { t: hit.t as f32, triangle: hit.leaf })
     }
 
-    fn from_occlusion(occluded: bool) -> RayAnswer {
+    pub(super) fn from_occlusion(occluded: bool) -> RayAnswer {
         RayAnswer { t: 0.0, triangle: if occluded { 0 } else { MISS } }
     }
 }
@@ -55,6 +53,9 @@ impl RayAnswer {
 pub(crate) trait Contender {
     /// Name for reports: a key of JSON.
     fn label(&self) -> &str;
+
+    /// From now on, whether hits are shaded, too: for meshes that have colours or normals.
+    fn shade(&mut self, _shades: bool) {}
 
     /// Answers all rays of a set; `answers` is as long. Gives the processor time of all workers.
     fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration;
@@ -94,12 +95,14 @@ fn processor_time() -> Duration {
 /// Ours, all pages in memory.
 pub(super) struct Resident<'a> {
     pub(super) space: Space,
+    pub(super) shades: bool,
     pub(super) workers: Vec<PagedMesh<&'a AllResident>>,
 }
 
 /// The same, with rays handed over together, which it makes packets of.
 pub(super) struct Packets<'a> {
     space: Space,
+    shades: bool,
     workers: Vec<PacketWorker<'a>>,
 }
 
@@ -117,7 +120,7 @@ impl<'a> Packets<'a> {
         tracers: impl Iterator<Item = PagedMesh<&'a AllResident>>,
     ) -> Packets<'a> {
         let worker = |tracer| PacketWorker { tracer, rays: vec![], hits: vec![], occluded: vec![] };
-        Packets { space, workers: tracers.map(worker).collect() }
+        Packets { space, shades: false, workers: tracers.map(worker).collect() }
     }
 }
 
@@ -126,8 +129,12 @@ impl Contender for Packets<'_> {
         "trex"
     }
 
+    fn shade(&mut self, shades: bool) {
+        self.shades = shades;
+    }
+
     fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
-        let (space, query) = (self.space, set.query);
+        let (space, query, shades) = (self.space, set.query, self.shades);
         spread(&mut self.workers, set, answers, |worker, rays, answers| {
             let PacketWorker { tracer, rays: models, hits, occluded } = worker;
             models.clear();
@@ -136,6 +143,11 @@ impl Contender for Packets<'_> {
                 Query::Closest => {
                     hits.clear();
                     tracer.intersect_coherent(models, hits);
+                    if shades {
+                        for hit in &*hits {
+                            black_box(tracer.shade_answer(*hit));
+                        }
+                    }
                     let pairs = answers.iter_mut().zip(hits);
                     pairs.for_each(|(answer, hit)| {
                         *answer = RayAnswer::from_hit(exact(*hit).expect(ALL_THERE))
@@ -159,11 +171,15 @@ impl Contender for Resident<'_> {
         "trex"
     }
 
+    fn shade(&mut self, shades: bool) {
+        self.shades = shades;
+    }
+
     fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
-        let (space, query) = (self.space, set.query);
+        let how = (self.space, set.query, self.shades);
         spread(&mut self.workers, set, answers, |tracer, rays, answers| {
             for (ray, answer) in rays.iter().zip(answers) {
-                *answer = ask(tracer, space, query, ray).expect(ALL_THERE);
+                *answer = ask(tracer, how, ray).expect(ALL_THERE);
             }
         })
     }
@@ -179,6 +195,7 @@ impl Resident<'_> {
 /// Ours, through the pool.
 pub(super) struct PooledContender {
     pub(super) space: Space,
+    pub(super) shades: bool,
     pub(super) workers: Vec<PagedMesh<PooledPages>>,
 }
 
@@ -187,14 +204,18 @@ impl Contender for PooledContender {
         "trex"
     }
 
+    fn shade(&mut self, shades: bool) {
+        self.shades = shades;
+    }
+
     fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
-        let (space, query) = (self.space, set.query);
+        let how = (self.space, set.query, self.shades);
         spread(&mut self.workers, set, answers, |tracer, rays, answers| {
             let mut pending: Vec<usize> = (0..rays.len()).collect();
             while !pending.is_empty() {
                 let before = pending.len();
                 tracer.begin_tile();
-                pending.retain(|&at| match ask(tracer, space, query, &rays[at]) {
+                pending.retain(|&at| match ask(tracer, how, &rays[at]) {
                     Some(answer) => {
                         answers[at] = answer;
                         false
@@ -204,7 +225,7 @@ impl Contender for PooledContender {
                 if pending.len() == before {
                     // Rays take each other's pages: the first one gets room for itself.
                     let at = pending.remove(0);
-                    answers[at] = alone(tracer, |tracer| ask(tracer, space, query, &rays[at]));
+                    answers[at] = alone(tracer, |tracer| ask(tracer, how, &rays[at]));
                 } else if !pending.is_empty() {
                     tracer.request_missing();
                     tracer.wait(WAIT);
@@ -225,150 +246,18 @@ impl PooledContender {
     }
 }
 
-/// Ours, through the voxels: rays learn of a leaf, not of a triangle.
-pub(super) struct Gray<'a> {
-    pub(super) space: Space,
-    pub(super) scene: GrayScene<'a>,
-    pub(super) calls: GrayCalls,
-    pub(super) workers: Vec<GrayWorker>,
-}
-
-/// The voxels.
-#[derive(Clone, Copy)]
-pub(super) enum GrayScene<'a> {
-    /// Those of the upper octree.
-    Upper(VoxelScene<'a>),
-    /// The finest ones, in units that are all there.
-    Finest(LowerScene<'a>, &'a AllResident),
-}
-
-impl GrayScene<'_> {
-    /// Side of a leaf, model units.
-    pub(super) fn leaf_side(&self) -> f64 {
-        match self {
-            GrayScene::Upper(scene) => scene.leaf_side(),
-            GrayScene::Finest(scene, _) => scene.leaf_side(),
-        }
-    }
-
-    /// Distance off any surface at which a ray is free of that surface's own voxels, model units.
-    pub(super) fn clearance(&self) -> f64 {
-        match self {
-            GrayScene::Upper(scene) => scene.clearance([1.0, 0.0, 0.0]),
-            GrayScene::Finest(scene, _) => scene.clearance([1.0, 0.0, 0.0]),
-        }
-    }
-}
-
-/// How rays are handed to the voxels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum GrayCalls {
-    /// A chunk in one call.
-    Batch,
-    /// One by one.
-    Single,
-}
-
-/// A chunk of rays, and answers.
-#[derive(Clone, Default)]
-pub(super) struct GrayWorker {
-    rays: Vec<Ray>,
-    hits: Vec<Option<VoxelHit>>,
-    occluded: Vec<bool>,
-    finest: Vec<Answer<Option<LowerHit>>>,
-}
-
-impl Contender for Gray<'_> {
-    fn label(&self) -> &str {
-        "trex"
-    }
-
-    fn trace(&mut self, set: &RaySet, answers: &mut [RayAnswer]) -> Duration {
-        let Gray { space, scene, calls, .. } = *self;
-        spread(&mut self.workers, set, answers, |worker, rays, answers| {
-            worker.rays.clear();
-            worker.rays.extend(rays.iter().map(|ray| space.to_gray(ray)));
-            worker.hits.resize(rays.len(), None);
-            worker.occluded.resize(rays.len(), false);
-            match scene {
-                GrayScene::Upper(scene) => worker.answer(&scene, (set.query, calls)),
-                GrayScene::Finest(scene, pages) => worker.answer_finest((&scene, pages), (set.query, calls)),
-            }
-            match set.query {
-                Query::Any => {
-                    let pairs = answers.iter_mut().zip(&worker.occluded);
-                    pairs.for_each(|(answer, occluded)| *answer = RayAnswer::from_occlusion(*occluded));
-                }
-                Query::Closest => {
-                    let pairs = answers.iter_mut().zip(&worker.hits);
-                    pairs.for_each(|(answer, hit)| *answer = RayAnswer::from_voxel(*hit));
-                }
-            }
-        })
-    }
-}
-
-impl GrayWorker {
-    fn answer(&mut self, scene: &VoxelScene<'_>, how: (Query, GrayCalls)) {
-        let GrayWorker { rays, hits, occluded, .. } = self;
-        match how {
-            (Query::Any, GrayCalls::Batch) => {
-                scene.intersect_batch(rays, hits);
-                occluded.iter_mut().zip(hits).for_each(|(occluded, hit)| *occluded = hit.is_some());
-            }
-            (Query::Closest, GrayCalls::Batch) => scene.intersect_batch(rays, hits),
-            (Query::Any, GrayCalls::Single) => {
-                rays.iter()
-                    .zip(occluded)
-                    .for_each(|(ray, occluded)| *occluded = scene.intersect(ray).is_some());
-            }
-            (Query::Closest, GrayCalls::Single) => {
-                rays.iter().zip(hits).for_each(|(ray, hit)| *hit = scene.intersect(ray));
-            }
-        }
-    }
-}
-
-impl GrayWorker {
-    /// As `answer`, through units.
-    fn answer_finest(
-        &mut self,
-        (scene, mut pages): (&LowerScene<'_>, &AllResident),
-        how: (Query, GrayCalls),
-    ) {
-        let GrayWorker { rays, hits, occluded, finest } = self;
-        match how {
-            (Query::Any, GrayCalls::Batch) => {
-                finest.resize(rays.len(), Answer::Blocked);
-                scene.intersect_batch(rays, &mut pages, finest);
-                let pairs = finest.iter().zip(occluded);
-                pairs.for_each(|(answer, occluded)| *occluded = exact(*answer).expect(ALL_THERE).is_some());
-            }
-            (Query::Closest, GrayCalls::Batch) => {
-                finest.resize(rays.len(), Answer::Blocked);
-                scene.intersect_batch(rays, &mut pages, finest);
-                let pairs = finest.iter().zip(hits);
-                pairs.for_each(|(answer, hit)| *hit = exact(*answer).expect(ALL_THERE).map(|hit| hit.upper));
-            }
-            (Query::Any, GrayCalls::Single) => {
-                rays.iter().zip(occluded).for_each(|(ray, occluded)| {
-                    *occluded = exact(scene.intersect(ray, &mut pages)).expect(ALL_THERE).is_some();
-                });
-            }
-            (Query::Closest, GrayCalls::Single) => {
-                rays.iter().zip(hits).for_each(|(ray, hit)| {
-                    let found = exact(scene.intersect(ray, &mut pages)).expect(ALL_THERE);
-                    *hit = found.map(|hit| hit.upper);
-                });
-            }
-        }
-    }
-}
-
 /// The answer, or `None` when a page is missing.
-fn ask(tracer: &mut impl Tracer, space: Space, query: Query, ray: &BenchRay) -> Option<RayAnswer> {
+fn ask(
+    tracer: &mut impl Tracer,
+    (space, query, shades): (Space, Query, bool),
+    ray: &BenchRay,
+) -> Option<RayAnswer> {
     let ray = space.to_model(ray);
     match query {
+        Query::Closest if shades => {
+            let shaded = black_box(exact(tracer.intersect_shaded(&ray))?);
+            Some(RayAnswer::from_hit(shaded.map(|shaded| shaded.hit)))
+        }
         Query::Closest => exact(tracer.intersect(&ray)).map(RayAnswer::from_hit),
         Query::Any => exact(tracer.occluded(&ray)).map(RayAnswer::from_occlusion),
     }
@@ -387,7 +276,7 @@ fn alone<T: PagedTracer, A>(tracer: &mut T, mut ask: impl FnMut(&mut T) -> Optio
     }
 }
 
-fn exact<T>(answer: Answer<T>) -> Option<T> {
+pub(super) fn exact<T>(answer: Answer<T>) -> Option<T> {
     match answer {
         Answer::Exact(value) => Some(value),
         Answer::Blocked => None,

@@ -9,7 +9,8 @@
 //! Rays begin where they do in pictures, free of their own surface's voxels; what stands nearer than that is a miss
 //! of both.
 
-use super::contender::{Contender, Gray, RayAnswer};
+use super::contender::{Contender, RayAnswer};
+use super::gray::Gray;
 use super::sets::{Query, RaySet};
 use serde::Serialize;
 

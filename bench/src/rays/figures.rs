@@ -38,6 +38,12 @@ pub struct RayFigures {
     pub shadow: SetFigures,
     /// Cosine-distributed, closest hit.
     pub incoherent: SetFigures,
+    /// As `primary`, each hit with its colour and its shading normal; `None` for a mesh without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub primary_shaded: Option<SetFigures>,
+    /// As `incoherent`, each hit with these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub incoherent_shaded: Option<SetFigures>,
     /// Leaves of the voxels along the model's longest side; `None` for a file without, or where they did not fit.
     pub voxel_resolution: Option<u32>,
     /// The same through the voxels, in batches, against the peer's rays on the mesh; `None` for a file without voxels.

@@ -17,6 +17,7 @@ mod device;
 mod device_course;
 mod falsehood;
 mod figures;
+mod gray;
 mod mesh;
 mod options;
 mod peer;

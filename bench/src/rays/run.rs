@@ -1,12 +1,11 @@
 //! A run of `rays`: sets made, contenders set up, turns taken, figures drawn.
 
 use super::compare::{self, Agreement};
-use super::contender::{
-    Contender, Gray, GrayCalls, GrayScene, GrayWorker, Packets, PooledContender, RayAnswer, Resident,
-};
+use super::contender::{Contender, Packets, PooledContender, RayAnswer, Resident};
 use super::device;
 use super::falsehood;
 use super::figures::{PeerFigures, RayFigures, SetFigures};
+use super::gray::{Gray, GrayCalls, GrayScene};
 use super::options::{Peer, RayOptions};
 use super::peer::PeerSetup;
 use super::sets::{self, BenchRay, GraySets, Query, RaySet, RaySets, Space, Visible};
@@ -21,7 +20,7 @@ use trex_render::{
 };
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::{PagePool, PoolOptions};
-use trex_store::{Lease, PageFile, Result};
+use trex_store::{AttributeSet, Lease, PageFile, Result};
 use xxhash_rust::xxh3::Xxh3;
 
 /// Bytes of a pixel's rays and of the answers to a set.
@@ -45,16 +44,13 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         let pages = AllResident::load(&file);
         let voxels = Voxels::open(&file, budget)?.map(Arc::new);
         let tracers = || (0..around.threads).map(|_| PagedMesh::new(&file, &pages));
-        let mut ours = Resident { space, workers: tracers().collect() };
+        let mut ours = Resident { space, shades: false, workers: tracers().collect() };
         let mut packets = Packets::new(space, tracers());
         let upper = voxels.as_ref().map(|voxels| GrayScene::Upper(voxels.scene(Occluders::On)));
         let finest = voxels.as_ref().and_then(|voxels| voxels.lower_scene(Occluders::On));
         let finest = finest.map(|scene| GrayScene::Finest(scene, &pages));
         let both_calls = |scene| {
-            [GrayCalls::Batch, GrayCalls::Single].map(|calls| {
-                let workers = vec![GrayWorker::default(); around.threads];
-                Gray { space, scene, calls, workers }
-            })
+            [GrayCalls::Batch, GrayCalls::Single].map(|calls| Gray::new(space, scene, calls, around.threads))
         };
         let (mut gray, mut finest_gray) = (upper.map(both_calls), finest.map(both_calls));
         let scenes = [upper, finest].map(|scene| scene.map(|scene| scene.clearance()));
@@ -102,7 +98,8 @@ pub fn run(model: &Model, options: &RayOptions, around: &Surroundings) -> anyhow
         "a peer takes all of the mesh in memory, and the limit has no room for ours"
     );
     let (pool, _pins_lease) = open_pool(&file, options, around)?;
-    let mut ours = PooledContender { space, workers: pooled_tracers(&file, &pool, around.threads) };
+    let workers = pooled_tracers(&file, &pool, around.threads);
+    let mut ours = PooledContender { space, shades: false, workers };
     let sets = make_sets(&file, model, options, [None; 2], |ray| ours.hit(ray))?;
     let ours_all = Contenders { single: &mut ours, packets: None, gray: [None, None] };
     let mut figures = compete(ours_all, &sets, &file, options, around)?;
@@ -187,20 +184,15 @@ fn compete(
     let mut score = Score { file, options, around, peer, hash, agreement, shadow_difference_count: 0 };
 
     // Rays that go much the same way: in packets where there are any.
-    let Contenders { single, packets, gray } = ours;
-    let (primary, shadow) = match packets {
-        Some(packets) => {
-            let both = OwnContender { contender: packets, single: Some(single) };
-            let primary = score.measure("primary", both, &sets.primary)?;
-            let both = OwnContender { contender: packets, single: Some(single) };
-            (primary, score.measure("shadow", both, &sets.shadow)?)
-        }
-        None => {
-            let primary = score.measure("primary", OwnContender::alone(single), &sets.primary)?;
-            (primary, score.measure("shadow", OwnContender::alone(single), &sets.shadow)?)
-        }
-    };
+    let Contenders { single, mut packets, gray } = ours;
+    let primary = score.measure("primary", coherent(single, &mut packets), &sets.primary)?;
+    let shadow = score.measure("shadow", coherent(single, &mut packets), &sets.shadow)?;
     let incoherent = score.measure("incoherent", OwnContender::alone(single), &sets.incoherent)?;
+    let shaded = match file.superblock().attributes() == AttributeSet::default() {
+        true => None,
+        false => Some(score.measure_shaded((single, &mut packets), sets)?),
+    };
+    let (primary_shaded, incoherent_shaded) = shaded.unzip();
 
     // Rays through the voxels.
     let mut through_voxels = [None, None, None, None];
@@ -233,6 +225,8 @@ fn compete(
         primary,
         shadow,
         incoherent,
+        primary_shaded,
+        incoherent_shaded,
         device: None,
         visits: None,
         voxel_resolution: None,
@@ -242,6 +236,17 @@ fn compete(
         gray_finest,
         gray_finest_shadow,
     })
+}
+
+/// Ours for rays that go much the same way: in packets where there are any.
+fn coherent<'a>(
+    single: &'a mut dyn Contender,
+    packets: &'a mut Option<&mut Packets<'_>>,
+) -> OwnContender<'a> {
+    match packets {
+        Some(packets) => OwnContender { contender: &mut **packets, single: Some(single) },
+        None => OwnContender::alone(single),
+    }
 }
 
 /// What tables and so many frames take.
@@ -275,6 +280,23 @@ impl Score<'_> {
             single: turn.single,
             against_mesh: None,
         })
+    }
+
+    /// Times ours where hits are shaded, too: primary and incoherent rays.
+    fn measure_shaded(
+        &mut self,
+        (single, packets): (&mut dyn Contender, &mut Option<&mut Packets<'_>>),
+        sets: &RaySets,
+    ) -> anyhow::Result<(SetFigures, SetFigures)> {
+        let peer = self.peer.take();
+        single.shade(true);
+        packets.iter_mut().for_each(|packets| packets.shade(true));
+        let primary = self.measure("primary_shaded", coherent(single, packets), &sets.primary)?;
+        let incoherent = self.measure("incoherent_shaded", OwnContender::alone(single), &sets.incoherent)?;
+        single.shade(false);
+        packets.iter_mut().for_each(|packets| packets.shade(false));
+        self.peer = peer;
+        Ok((primary, incoherent))
     }
 
     /// Keeps the speeds of the peer's modes; ours over its reference mode.

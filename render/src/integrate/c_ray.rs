@@ -2,7 +2,7 @@
 
 use crate::scene::world::World;
 use crate::shading::surface::{HitPoint, OFFSET_ERRORS};
-use crate::trace::{Hit, Ray};
+use crate::trace::{Ray, ShadedHit};
 use crate::voxel::{VoxelScene, VoxelSurface};
 use trex_film::NO_ID;
 
@@ -25,10 +25,10 @@ pub(crate) enum Form {
     Voxel,
 }
 
-impl From<Hit> for CRayHit {
-    fn from(hit: Hit) -> CRayHit {
-        let form = Form::Mesh { triangle: hit.triangle, page: hit.page };
-        CRayHit { point: HitPoint::from(&hit), form }
+impl From<ShadedHit> for CRayHit {
+    fn from(shaded: ShadedHit) -> CRayHit {
+        let form = Form::Mesh { triangle: shaded.hit.triangle, page: shaded.hit.page };
+        CRayHit { point: HitPoint::from(&shaded), form }
     }
 }
 

@@ -45,7 +45,8 @@ impl RenderContext<'_> {
     ) -> Answer<Stage> {
         let GatherRay { surface, index, ray, weight, mut mirrors } = *gather;
         let arriving = weight * mirrors.throughput;
-        let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
+        let Answer::Exact(hit) = tracer.intersect_shaded(&ray) else { return Answer::Blocked };
+        let hit = hit.map(|shaded| HitPoint::from(&shaded));
         path.sample.rays.count(RayKind::Gather);
         let done = Answer::Exact(self.after_gather_ray(surface, index + 1));
         let lights = &self.world.lights;
@@ -54,7 +55,6 @@ impl RenderContext<'_> {
             path.gain_indirect(arriving * lamp.unwrap_or(lights.sky()));
             return done;
         };
-        let hit = HitPoint::from(&hit);
         let (material, direction) =
             (&self.world.materials[hit.material as usize], DVec3::from(ray.direction));
         let is_front = hit.normal.as_dvec3().dot(direction) < 0.0;

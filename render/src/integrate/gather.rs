@@ -66,7 +66,7 @@ impl RenderContext<'_> {
         while let Some(near) = near_mesh {
             let length = near.length(direction);
             let ray = surface.ray_to(direction, length, None);
-            let Answer::Exact(hit) = tracer.intersect(&ray) else { return Answer::Blocked };
+            let Answer::Exact(hit) = tracer.intersect_shaded(&ray) else { return Answer::Blocked };
             let hit = hit.map(|hit| HitPoint::from(&hit));
             let lamp = mirrors.lamp(&world.lights, &ray, hit.map_or(length, |hit| hit.t));
             if let Some(radiance) = lamp {

@@ -16,7 +16,7 @@ use super::g_batch::GBatches;
 use super::g_scene::GScene;
 use super::path_state::{Origin, Path};
 use crate::scene::world::World;
-use crate::trace::{Answer, Hit, Ray, Tracer};
+use crate::trace::{Answer, Ray, ShadedHit, Tracer};
 use glam::{DVec3, Vec3};
 
 /// A mirror on the mesh stays on the mesh for so many leaves: beyond, its own voxels are left at all but grazing
@@ -39,7 +39,7 @@ pub(super) fn before(ray: &Ray, cut: f64) -> Option<Ray> {
 }
 
 /// The first thing that a C-ray meets which has `found` that much on the mesh before the cut.
-pub(super) fn behind(ray: &Ray, cut: f64, found: Option<Hit>) -> Closest {
+pub(super) fn behind(ray: &Ray, cut: f64, found: Option<ShadedHit>) -> Closest {
     if found.is_none() && cut < ray.t_max {
         Closest::Far(FarRay::new(ray, cut))
     } else {
@@ -51,7 +51,7 @@ impl RenderContext<'_> {
     /// The first thing that the C-ray at hand meets: on the mesh before the cut, in the voxels behind.
     pub(super) fn closest<T: Tracer>(&self, ray: &Ray, path: &Path, tracer: &mut T) -> Closest {
         let cut = self.cut(ray, path);
-        let found = match before(ray, cut).map(|part| tracer.intersect(&part)) {
+        let found = match before(ray, cut).map(|part| tracer.intersect_shaded(&part)) {
             Some(Answer::Blocked) if self.is_preview && self.voxels.is_none() => return Closest::Known(None),
             Some(Answer::Blocked) if self.is_preview => return Closest::Far(self.far_instead(ray, path)),
             Some(Answer::Blocked) => return Closest::Blocked,

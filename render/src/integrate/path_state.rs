@@ -11,7 +11,7 @@ use super::roulette::survives;
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
-use crate::trace::{Hit, Ray};
+use crate::trace::{Ray, ShadedHit};
 use glam::{DVec3, Vec3};
 use trex_film::LayerPixel;
 
@@ -65,7 +65,7 @@ pub(crate) enum Stage {
     Met {
         ray: Ray,
         cut: f64,
-        found: Option<Hit>,
+        found: Option<ShadedHit>,
     },
     /// Ray `index` from a surface that asks whether anything is hit.
     Shadow {

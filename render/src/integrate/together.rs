@@ -48,7 +48,7 @@ impl RenderContext<'_> {
         let instead = if self.voxels.is_some() { 0.0 } else { f64::INFINITY };
         tracer.intersect_coherent(rays, answers);
         for ((path, is_blocked, ray, cut), answer) in asking.into_iter().zip(answers) {
-            match *answer {
+            match tracer.shade_answer(*answer) {
                 Answer::Blocked if self.is_preview => {
                     path.stage = Stage::Met { ray, cut: instead, found: None }
                 }

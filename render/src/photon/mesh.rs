@@ -202,7 +202,7 @@ impl Batch<'_> {
         let sampler = photon_sampler(world.settings.seed, self.first + u64::from(flight.index));
         let mut advance = Advance::Blocked;
         loop {
-            let Answer::Exact(hit) = tracer.intersect(&flight.ray) else { return advance };
+            let Answer::Exact(hit) = tracer.intersect_shaded(&flight.ray) else { return advance };
             advance = Advance::Answered;
             self.stats.rays += 1;
             let Some(hit) = hit else { return Advance::Done };

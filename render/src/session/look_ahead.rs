@@ -91,6 +91,9 @@ impl<T: PagedTracer + Send> LiveSession<T> {
                         rays.extend(row_of(row));
                         answers.clear();
                         tracer.intersect_coherent(&rays, &mut answers);
+                        for answer in &answers {
+                            tracer.shade_answer(*answer);
+                        }
                     }
                     tracer.look_ahead(false);
                     tracer.begin_tile();

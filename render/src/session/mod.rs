@@ -50,7 +50,7 @@ use crate::scene::world::{Model, View, World};
 use crate::schedule::{Canvas, PASS_SAMPLES_MAX, Pass, SampleWork, TileWork, Until, WhenFull, Workers};
 use crate::stats::{PassStats, PhotonStats};
 use crate::threads::WorkerThreads;
-use crate::trace::{Advance, Answer, Hit, PagedTracer, Retry, WAIT};
+use crate::trace::{Advance, Answer, PagedTracer, Retry, ShadedHit, WAIT};
 use rayon::ThreadPool;
 use std::ops::ControlFlow;
 use trex_film::{Film, Layers, Portion, Tiles, filter_bytes, smooth};
@@ -60,7 +60,7 @@ use trex_store::{Budget, Lease, Result, StopSignal};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
     /// The triangle; its parameter is the distance from the camera, model units.
-    pub hit: Hit,
+    pub shaded: ShadedHit,
     /// The place on it, model units.
     pub position: [f64; 3],
 }
@@ -254,7 +254,7 @@ impl<T: PagedTracer + Send> Session<T> {
     pub fn pick_until(&mut self, [x, y]: [u32; 2], stop: &dyn Fn() -> bool) -> Option<Pick> {
         let ray = self.world.projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let mut found = None;
-        let ask = |tracer: &mut T| match tracer.intersect(&ray) {
+        let ask = |tracer: &mut T| match tracer.intersect_shaded(&ray) {
             Answer::Exact(hit) => {
                 found = hit;
                 Advance::Done
@@ -262,7 +262,7 @@ impl<T: PagedTracer + Send> Session<T> {
             Answer::Blocked => Advance::Blocked,
         };
         Retry::default().alone(&mut self.tracers[0], || (!stop()).then_some(WAIT), ask);
-        found.map(|hit| Pick { hit, position: ray.at(hit.t).to_array() })
+        found.map(|shaded| Pick { shaded, position: ray.at(shaded.hit.t).to_array() })
     }
 
     /// Sends the photons that are still to be sent, of those the view asks for; does nothing for methods without.

@@ -391,7 +391,7 @@ mod tests {
         let mut session = floor(keys());
         let camera = session.view().camera;
         let pick = session.pick([16, 12]).unwrap();
-        assert!(pick.position[2].abs() < 1e-9 && (pick.hit.t - 3.0).abs() < 0.1, "{pick:?}");
+        assert!(pick.position[2].abs() < 1e-9 && (pick.shaded.hit.t - 3.0).abs() < 0.1, "{pick:?}");
         let away = crate::scene::camera::Camera { target: [0.0, 0.0, 9.0], ..camera };
         session.apply(Event::Camera(away)).unwrap();
         assert_eq!(session.pick([16, 12]), None);

@@ -6,7 +6,7 @@
 
 use super::bsdf::{Bsdf, lifted, mirrored};
 use crate::math::unit;
-use crate::trace::{Hit, Ray};
+use crate::trace::{Ray, ShadedHit};
 use glam::{DVec3, Vec3};
 use trex_store::Material;
 
@@ -36,14 +36,14 @@ pub(crate) struct HitPoint {
     pub(crate) error: f64,
 }
 
-impl From<&Hit> for HitPoint {
-    fn from(hit: &Hit) -> HitPoint {
+impl From<&ShadedHit> for HitPoint {
+    fn from(ShadedHit { hit, colour, shading_normal }: &ShadedHit) -> HitPoint {
         HitPoint {
             t: hit.t,
             normal: hit.normal.into(),
-            shading_normal: hit.shading_normal.into(),
+            shading_normal: (*shading_normal).into(),
             material: hit.material,
-            colour: hit.colour.into(),
+            colour: (*colour).into(),
             error: hit.error,
         }
     }

@@ -7,7 +7,7 @@
 //!
 //! Invariant: answers do not depend on the pages that were there, nor on the rays beside.
 
-use super::{Advance, Answer, Hit, MeshTracer, PagedTracer, Ray, Retry, WAIT};
+use super::{Advance, Answer, Hit, MeshTracer, PagedTracer, Ray, Retry, ShadedHit, WAIT};
 use std::cell::RefCell;
 
 /// Rays that are asked together, at most.
@@ -23,6 +23,23 @@ pub fn intersect_all<T: PagedTracer>(
     let single = |tracer: &mut T, ray: &Ray| tracer.intersect(ray);
     let mut chunks = rays.chunks(CHUNK);
     chunks.all(|rays| !stop() && answer(tracer, rays, (stop, hits), T::intersect_coherent, single))
+}
+
+/// As [`intersect_all`], with what shades each hit.
+pub fn intersect_shaded_all<T: PagedTracer>(
+    tracer: &mut T,
+    rays: &[Ray],
+    stop: &dyn Fn() -> bool,
+    hits: &mut Vec<Option<ShadedHit>>,
+) -> bool {
+    let single = |tracer: &mut T, ray: &Ray| tracer.intersect_shaded(ray);
+    let together = |tracer: &mut T, rays: &[Ray], answers: &mut Vec<_>| {
+        let mut hits = Vec::with_capacity(rays.len());
+        tracer.intersect_coherent(rays, &mut hits);
+        answers.extend(hits.into_iter().map(|hit| tracer.shade_answer(hit)));
+    };
+    let mut chunks = rays.chunks(CHUNK);
+    chunks.all(|rays| !stop() && answer(tracer, rays, (stop, hits), together, single))
 }
 
 /// Answers whether each of `rays` meets anything, in their order, appended to `answers`. False when `stop` said so
@@ -53,10 +70,7 @@ pub fn crossings_all(
     let single = |tracer: &mut MeshTracer, ray: &Ray| {
         let found = &mut *found.borrow_mut();
         let first = found.len();
-        match tracer.crossings(ray, found) {
-            Answer::Exact(()) => Answer::Exact((first, found.len())),
-            Answer::Blocked => Answer::Blocked,
-        }
+        tracer.crossings(ray, found).map(|()| (first, found.len()))
     };
     let together = |tracer: &mut MeshTracer, rays: &[Ray], answers: &mut Vec<_>| {
         answers.extend(rays.iter().map(|ray| single(tracer, ray)));
@@ -158,10 +172,7 @@ mod tests {
         }
 
         fn occluded(&mut self, ray: &Ray) -> Answer<bool> {
-            match self.intersect(ray) {
-                Answer::Exact(hit) => Answer::Exact(hit.is_some()),
-                Answer::Blocked => Answer::Blocked,
-            }
+            self.intersect(ray).map(|hit| hit.is_some())
         }
     }
 

@@ -20,7 +20,7 @@
 //! kernels report counts by its refined place: a plate that the ray leaves can seem to lie far ahead in f32.
 
 use super::Ray;
-use super::hit_attributes::HitAttributes;
+use super::attribute_pages::AttributePages;
 use super::kernel::{Kernel, TrianglesMet};
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::{Page, Pages};
@@ -116,7 +116,7 @@ pub(super) struct LatticeScene {
     pub(super) file: Arc<PageFile>,
     pub(super) frame: LatticeFrame,
     /// Where hits have their colours and shading normals from; `None` for a file without.
-    pub(super) attributes: Option<HitAttributes>,
+    pub(super) attributes: Option<AttributePages>,
     /// Materials that are hidden, a bit each: see [`super::parts`].
     pub(super) hidden: Vec<u64>,
 }

@@ -2,11 +2,12 @@
 
 mod answer;
 mod arithmetic;
+mod attribute_pages;
 mod bvh;
 mod caps;
 mod corners;
 mod crossings;
-mod hit_attributes;
+
 mod kernel;
 mod lattice_ray;
 mod naive;
@@ -24,7 +25,7 @@ mod simd;
 mod stack;
 mod want_list;
 
-pub use answer::{crossings_all, intersect_all, occluded_all};
+pub use answer::{crossings_all, intersect_all, intersect_shaded_all, occluded_all};
 pub use arithmetic::Arithmetic;
 pub use caps::OpenParts;
 pub use corners::{MeshTriangle, read_triangles};
@@ -80,14 +81,33 @@ pub struct Hit {
     pub barycentric: [f32; 3],
     /// Unit normal of the counter-clockwise side, model space (f64 cross product of the decoded corners).
     pub normal: [f32; 3],
-    /// Unit normal that shades the surface there, on the same side: of the corners' normals, weighed; `normal` itself
-    /// where the file has none.
-    pub shading_normal: [f32; 3],
-    /// Colour of the mesh there, linear, by which the material's `kd` is multiplied; white where the file has none.
-    pub colour: [f32; 3],
     /// Bound on the distance between the true surface point and `origin + t * direction`, model units;
     /// secondary rays start off the surface by it.
     pub error: f64,
+}
+
+impl Hit {
+    /// The triangle, and the page, of the cap of a cut: none.
+    pub(crate) const OF_CAP: u32 = u32::MAX;
+}
+
+/// A hit, and what shades it: what its corners have beside their places.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ShadedHit {
+    /// Where it is.
+    pub hit: Hit,
+    /// Colour of the mesh there, linear, by which the material's `kd` is multiplied; white where the file has none.
+    pub colour: [f32; 3],
+    /// Unit normal that shades the surface there, on the side of the hit's: of the corners' normals, weighed; that one
+    /// itself where the file has none.
+    pub shading_normal: [f32; 3],
+}
+
+impl From<Hit> for ShadedHit {
+    /// White and flat.
+    fn from(hit: Hit) -> ShadedHit {
+        ShadedHit { hit, colour: [1.0; 3], shading_normal: hit.normal }
+    }
 }
 
 /// The answer for one ray.
@@ -99,6 +119,16 @@ pub enum Answer<T> {
     Blocked,
 }
 
+impl<T> Answer<T> {
+    /// What `change` makes of an exact answer.
+    pub(crate) fn map<U>(self, change: impl FnOnce(T) -> U) -> Answer<U> {
+        match self {
+            Answer::Exact(answer) => Answer::Exact(change(answer)),
+            Answer::Blocked => Answer::Blocked,
+        }
+    }
+}
+
 /// Answers rays against a triangle mesh. One per worker thread: it owns scratch memory and page pins.
 /// Implementations: the paged clusters, and the naive mesh in memory that serves as oracle.
 pub trait Tracer {
@@ -107,6 +137,24 @@ pub trait Tracer {
 
     /// Answers whether `ray` meets anything.
     fn occluded(&mut self, ray: &Ray) -> Answer<bool>;
+
+    /// What shades `hit`, which `intersect` has just found: read from pages of its own, for whoever shades it. White
+    /// and flat where the mesh has no colours and no normals.
+    fn shade(&mut self, hit: Hit) -> Answer<ShadedHit> {
+        Answer::Exact(hit.into())
+    }
+
+    /// Closest hit of `ray`, and what shades it. Blocked also where that is missing.
+    fn intersect_shaded(&mut self, ray: &Ray) -> Answer<Option<ShadedHit>> {
+        let hit = self.intersect(ray);
+        self.shade_answer(hit)
+    }
+
+    /// As [`Tracer::shade`], of an answer.
+    fn shade_answer(&mut self, answer: Answer<Option<Hit>>) -> Answer<Option<ShadedHit>> {
+        let Answer::Exact(Some(hit)) = answer else { return answer.map(|_| None) };
+        self.shade(hit).map(Some)
+    }
 
     /// Closest hits of rays that go much the same way, such as those of a tile: the answers that each gets alone,
     /// appended to `answers`.

@@ -78,8 +78,6 @@ impl NaiveMesh {
             material: triangle.material,
             barycentric: [1.0 - u - v, u, v].map(|weight| weight as f32),
             normal,
-            shading_normal: normal,
-            colour: [1.0; 3],
             error: ERROR_ULPS * f64::EPSILON * magnitude,
         }
     }

@@ -8,9 +8,9 @@
 //! pages of each missing page that could change its answer, once.
 
 use super::arithmetic::Arithmetic;
+use super::attribute_pages::AttributePages;
 use super::bvh::{AnyHit, ClosestHit, Found, Goal, LatticeScene, MissingPages, RayEnd, trace_ray};
 use super::crossings::trace_crossings;
-use super::hit_attributes::HitAttributes;
 use super::lattice_ray::{LatticeFrame, RefinedHit, Span};
 use super::pages::Pages;
 use super::scalar::Scalar;
@@ -18,7 +18,7 @@ use super::shown_parts::ShownParts;
 #[cfg(target_arch = "x86_64")]
 use super::simd::{PACKET_RAYS, PacketRoom};
 use super::stack::Stack;
-use super::{Answer, Hit, Ray, Tracer};
+use super::{Answer, Hit, Ray, ShadedHit, Tracer};
 use glam::DVec3;
 use std::sync::Arc;
 use trex_store::PageFile;
@@ -60,7 +60,7 @@ impl<P: Pages> PagedMesh<P> {
         let scene = LatticeScene {
             file: file.clone(),
             frame: LatticeFrame::new(file),
-            attributes: HitAttributes::of(file),
+            attributes: AttributePages::of(file),
             hidden: Vec::new(),
         };
         PagedMesh {
@@ -119,10 +119,6 @@ impl<P: Pages> PagedMesh<P> {
             hits.truncate(first);
             return Answer::Blocked;
         }
-        if hits[first..].iter_mut().any(|hit| set_attributes(scene, pages, hit) == Answer::Blocked) {
-            hits.truncate(first);
-            return Answer::Blocked;
-        }
         hits[first..].sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)));
         Answer::Exact(())
     }
@@ -160,25 +156,7 @@ pub(super) fn closest(
         return Answer::Blocked;
     }
     let hit = found.as_ref().map(|found| hit(&scene.frame, ray, span, found));
-    let Some(mut hit) = hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max) else {
-        return Answer::Exact(None);
-    };
-    match set_attributes(scene, pages, &mut hit) {
-        Answer::Exact(()) => Answer::Exact(Some(hit)),
-        Answer::Blocked => Answer::Blocked,
-    }
-}
-
-/// Gives a hit the attributes of the mesh there. Blocked: a page that has them is missing, and wanted.
-fn set_attributes(scene: &LatticeScene, pages: &mut impl Pages, hit: &mut Hit) -> Answer<()> {
-    let Some(attributes) = &scene.attributes else { return Answer::Exact(()) };
-    match attributes.set(&scene.file, pages, hit) {
-        Ok(()) => Answer::Exact(()),
-        Err(missing) => {
-            pages.want(missing);
-            Answer::Blocked
-        }
-    }
+    Answer::Exact(hit.filter(|hit| hit.t >= 0.0 && hit.t <= ray.t_max))
 }
 
 /// The answer of a ray that asked for any.
@@ -214,9 +192,7 @@ fn hit(frame: &LatticeFrame, ray: &Ray, span: &Span, found: &Found) -> Hit {
         page: found.page,
         material: u32::from(found.material),
         barycentric: [u, v, w].map(|weight| (weight / (u + v + w)) as f32),
-        colour: [1.0; 3],
         normal,
-        shading_normal: normal,
         error: (size + 1.0) * PLANE_ERROR * frame.step() + MODEL_ERROR * reach,
     }
 }
@@ -244,6 +220,16 @@ impl<P: Pages> Tracer for PagedMesh<P> {
             Some(ended) => any(&mut self.pages, &ended, &self.missing),
             None => Answer::Exact(false),
         }
+    }
+
+    fn shade(&mut self, hit: Hit) -> Answer<ShadedHit> {
+        if hit.page == Hit::OF_CAP {
+            return Answer::Exact(self.shaded_cap(hit));
+        }
+        let PagedMesh { scene, pages, .. } = self;
+        let Some(attributes) = &scene.attributes else { return Answer::Exact(hit.into()) };
+        let shaded = attributes.shade(&scene.file, pages, hit);
+        shaded.inspect_err(|missing| pages.want(*missing)).map_or(Answer::Blocked, Answer::Exact)
     }
 
     fn intersect_coherent(&mut self, rays: &[Ray], answers: &mut Vec<Answer<Option<Hit>>>) {

@@ -21,7 +21,7 @@ use super::paged_mesh::{MODEL_ERROR, PagedMesh, any, closest, want};
 use super::pages::Pages;
 use super::parts::{KeptSpan, Parts, Section, is_hidden, kept_span};
 use super::shown_parts::ShownParts;
-use super::{Answer, Hit, Ray};
+use super::{Answer, Hit, Ray, ShadedHit};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -30,8 +30,6 @@ const INWARD: f64 = 0.371;
 /// Share of the coordinates of a cap that its points may be off: more than what `MODEL_ERROR` says, since it is a
 /// section that rays leave, not a triangle.
 const CAP_ERROR: f64 = 1024.0 * MODEL_ERROR;
-/// The triangle of a cap: none.
-const NO_TRIANGLE: u32 = u32::MAX;
 
 impl<P: Pages> PagedMesh<P> {
     /// From now on, rays meet these parts of the model alone, and the caps of solids that its sections cut.
@@ -60,6 +58,13 @@ impl<P: Pages> PagedMesh<P> {
         answer
     }
 
+    /// A cap with the mean colour of its material.
+    pub(super) fn shaded_cap(&self, hit: Hit) -> ShadedHit {
+        let colour =
+            self.shown.as_ref().map_or([1.0; 3], |shown| shown.parts.cap_colour(hit.material as u16));
+        ShadedHit { colour, ..hit.into() }
+    }
+
     /// Whether anything that is shown is met.
     pub(super) fn occluded_shown(&mut self, ray: &Ray) -> Answer<bool> {
         let mut shown = self.shown.take().expect("there is something to leave out");
@@ -79,14 +84,10 @@ impl<P: Pages> PagedMesh<P> {
             true => self.run::<ClosestShownHit>(&part),
             false => self.run::<ClosestHit>(&part),
         };
-        let found = match ended {
-            Some(ended) => closest(&mut self.pages, (&self.scene, &part), &ended, &self.missing),
-            None => Answer::Exact(None),
-        };
-        match found {
-            Answer::Exact(Some(hit)) => Answer::Exact(Some(on_whole(hit, &kept, ray))),
+        let answer = |ended| closest(&mut self.pages, (&self.scene, &part), &ended, &self.missing);
+        match ended.map_or(Answer::Exact(None), answer) {
             Answer::Exact(None) => self.cap(shown, ray, (kept.left, kept.to)),
-            Answer::Blocked => Answer::Blocked,
+            met => met.map(|hit| hit.map(|hit| on_whole(hit, &kept, ray))),
         }
     }
 
@@ -144,13 +145,11 @@ impl<P: Pages> PagedMesh<P> {
         let outward = (-DVec3::from(shown.sections[index].normal)).as_vec3().to_array();
         Answer::Exact(Some(Hit {
             t,
-            triangle: NO_TRIANGLE,
-            page: NO_TRIANGLE,
+            triangle: Hit::OF_CAP,
+            page: Hit::OF_CAP,
             material: material.into(),
             barycentric: [1.0, 0.0, 0.0],
             normal: outward,
-            shading_normal: outward,
-            colour: shown.parts.cap_colour(material),
             error: CAP_ERROR * reach,
         }))
     }

@@ -204,10 +204,7 @@ impl<'a> LowerScene<'a> {
             let t = t_in + f64::from(t) * cell;
             LowerHit { upper: VoxelHit { t, leaf, node, axis }, lower, is_stand_in }
         };
-        match found {
-            Answer::Blocked => Answer::Blocked,
-            Answer::Exact(found) => Answer::Exact(found.map(hit)),
-        }
+        found.map(|found| found.map(hit))
     }
 
     /// The answer of one ray of [`LowerScene::g_ray`]: what batches and devices are compared with.

@@ -332,13 +332,19 @@ impl<'a> FrameView<'a> {
     /// The cluster that holds triangle `index` of the page; `None` where that is damaged, or there is no such triangle.
     pub fn cluster_with(&self, index: usize) -> Option<ClusterView<'a>> {
         let memory = self.frame.memory;
-        let (mut from, mut to) = (0, memory.cluster_count());
-        while to - from > 1 {
-            let middle = from.midpoint(to);
-            let half = if memory.note(middle)[1] <= index { &mut from } else { &mut to };
-            *half = middle;
+        let (count, triangle_count) = (memory.cluster_count(), self.triangle_count());
+        if index >= triangle_count {
+            return None;
         }
-        let cluster = self.cluster_of_index(from)?;
+        // Clusters have about as many triangles each.
+        let mut at = index * count / triangle_count;
+        while memory.note(at)[1] > index {
+            at -= 1;
+        }
+        while at + 1 < count && memory.note(at + 1)[1] <= index {
+            at += 1;
+        }
+        let cluster = self.cluster_of_index(at)?;
         (index < cluster.first_triangle() + cluster.triangle_count()).then_some(cluster)
     }
 

@@ -149,6 +149,25 @@ impl<'a> ClusterView<'a> {
         leaf + self.sum_before(leaf, |shapes| shapes & (7 * BYTES_OF_ONE))
     }
 
+    /// The leaf that holds triangle `index` of the cluster.
+    #[inline]
+    pub fn leaf_with(&self, index: usize) -> usize {
+        // A byte a leaf: how many triangles it and those before it have.
+        let behind = |first: usize| {
+            ((self.shapes(first) & (7 * BYTES_OF_ONE)) + BYTES_OF_ONE).wrapping_mul(BYTES_OF_ONE)
+        };
+        let (mut first, mut local, mut ends) = (0, index, behind(0));
+        let of_eight = (ends >> 56) as usize;
+        if self.leaf_count() > 8 && index >= of_eight {
+            (first, local, ends) = (8, index - of_eight, behind(8));
+        }
+        // The high bit of a byte stays where the leaf does not begin behind the triangle: 128 + local - its first.
+        let begun =
+            (local as u64 | 128).wrapping_mul(BYTES_OF_ONE).wrapping_sub(ends << 8) & (BYTES_OF_ONE << 7);
+        let there = (self.leaf_count() - first).min(8) as u32;
+        first + (begun & u64::MAX >> (64 - 8 * there)).count_ones() as usize - 1
+    }
+
     /// The corners of a leaf's triangles, `[corner][triangle]`, as vertex indices; the least one behind the last
     /// triangle.
     pub fn leaf_corners(&self, leaf: usize) -> [[u8; LEAF_TRIANGLES]; 3] {

@@ -143,6 +143,9 @@ fn check(clusters: Vec<ClusterMesh>) {
 #[track_caller]
 fn check_boxes(cluster: &ClusterView<'_>) {
     let (mesh, planes) = (cluster.decode(), cluster.leaf_planes());
+    let leaves = mesh.leaf_sizes.iter().enumerate();
+    let with = leaves.flat_map(|(leaf, &size)| std::iter::repeat_n(leaf, usize::from(size)));
+    assert!((0..mesh.triangles.len()).map(|index| cluster.leaf_with(index)).eq(with));
     let (base, shift) = (cluster.base(), cluster.leaf_shift());
     let mut first = 0;
     for (leaf, triangles) in mesh.leaves().enumerate() {

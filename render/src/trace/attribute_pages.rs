@@ -1,57 +1,55 @@
-//! The attributes of a hit: its colour and its shading normal, of the corners of its triangle, weighed by where the ray
-//! met it. Read from pages of their own, once the hit is known: traversal never asks for them.
+//! What shades a hit: its colour and its shading normal, of the corners of its triangle, weighed by where the ray met
+//! it. Read from pages of their own, by whoever shades the hit: traversal never asks for them.
 //!
 //! Corners have sRGB bytes, which become linear before they are weighed. A corner without a normal, and one whose
 //! normal is on the other side of the triangle than its corners say, is brought to their side.
 
-use super::Hit;
 use super::pages::{Page, Pages};
+use super::{Hit, ShadedHit};
 use glam::Vec3;
 use trex_store::cluster::{Colour, CornerValue, Frame, FrameView, Normal, ValueView};
 use trex_store::layout::PageKind;
 use trex_store::{AttributeSet, PageFile, srgb};
 
-/// What the attributes of hits are made of, for a file that has some.
-pub(super) struct HitAttributes {
+/// The pages of colours and of normals, for a file that has some.
+pub(super) struct AttributePages {
     has: AttributeSet,
     /// The linear value of each byte.
     linear: Box<[f32; 256]>,
 }
 
-/// A triangle whose attributes are asked for: its vertices within its cluster, once they are known.
-struct HitTriangle<'a> {
-    file: &'a PageFile,
-    page: u32,
-    triangle: u32,
-    vertices: Option<[usize; 3]>,
-}
-
-impl HitAttributes {
+impl AttributePages {
     /// `None` for a file without attributes, whose hits are white and flat.
-    pub(super) fn of(file: &PageFile) -> Option<HitAttributes> {
+    pub(super) fn of(file: &PageFile) -> Option<AttributePages> {
         let linear = || Box::new(std::array::from_fn(|byte| srgb::linear_of(byte as u8) as f32));
         let has = file.superblock().attributes();
-        (has != AttributeSet::default()).then(|| HitAttributes { has, linear: linear() })
+        (has != AttributeSet::default()).then(|| AttributePages { has, linear: linear() })
     }
 
-    /// Gives `hit` its colour and its shading normal. White and flat where its triangle has none, or the page of them
-    /// is damaged.
+    /// The colour and the shading normal of `hit`. White and flat where its triangle has none, or the page of them is
+    /// damaged.
     ///
     /// # Errors
     /// The page that is missing, without which there is no answer.
-    pub(super) fn set(&self, file: &PageFile, pages: &mut impl Pages, hit: &mut Hit) -> Result<(), u32> {
-        let mut of = HitTriangle { file, page: hit.page, triangle: hit.triangle, vertices: None };
+    pub(super) fn shade(&self, file: &PageFile, pages: &mut impl Pages, hit: Hit) -> Result<ShadedHit, u32> {
+        let mut shaded = ShadedHit::from(hit);
+        let vertices = match pages.page(hit.page) {
+            Page::Ready(frame) => vertices(frame, place_in(file, hit.page, &hit)),
+            Page::Missing => return Err(hit.page),
+            Page::Damaged => None,
+        };
+        let Some(vertices) = vertices else { return Ok(shaded) };
         if self.has.colours
-            && let Some(colours) = of.values::<Colour>(PageKind::Colours, pages)?
+            && let Some(colours) = values::<Colour>((file, PageKind::Colours), pages, (&hit, vertices))?
         {
-            hit.colour = self.colour(colours, hit.barycentric).to_array();
+            shaded.colour = self.colour(colours, hit.barycentric).to_array();
         }
         if self.has.normals
-            && let Some(normals) = of.values::<Normal>(PageKind::Normals, pages)?
+            && let Some(normals) = values::<Normal>((file, PageKind::Normals), pages, (&hit, vertices))?
         {
-            hit.shading_normal = shading_normal(normals, hit.barycentric, hit.normal.into()).to_array();
+            shaded.shading_normal = shading_normal(normals, hit.barycentric, hit.normal.into()).to_array();
         }
-        Ok(())
+        Ok(shaded)
     }
 
     /// The linear colour.
@@ -62,32 +60,23 @@ impl HitAttributes {
     }
 }
 
-impl HitTriangle<'_> {
-    /// The values of its corners; `None` where it has none, or their page is damaged.
-    fn values<V: CornerValue>(
-        &mut self,
-        kind: PageKind,
-        pages: &mut impl Pages,
-    ) -> Result<Option<[V; 3]>, u32> {
-        let Some(values) = self.file.value_page(kind, self.page, self.triangle) else { return Ok(None) };
-        let first = |page: u32| self.file.pages()[page as usize].first_triangle;
-        if self.vertices.is_none() {
-            let local = (self.triangle - first(self.page)) as usize;
-            self.vertices = match pages.page(self.page) {
-                Page::Ready(frame) => vertices(frame, local),
-                Page::Missing => return Err(self.page),
-                Page::Damaged => None,
-            };
-        }
-        let Some(vertices) = self.vertices else { return Ok(None) };
-        match pages.page(values) {
-            Page::Ready(frame) => {
-                let triangle = (self.triangle - first(values)) as usize;
-                Ok(Some(ValueView::new(frame.bytes()).values(triangle, vertices)))
-            }
-            Page::Missing => Err(values),
-            Page::Damaged => Ok(None),
-        }
+/// Index of the triangle from the first on that a page, of the mesh or of values, is of.
+fn place_in(file: &PageFile, page: u32, hit: &Hit) -> usize {
+    (hit.triangle - file.pages()[page as usize].first_triangle) as usize
+}
+
+/// The values of the corners of a triangle with these vertices; `None` where it has none, or their page is damaged.
+fn values<V: CornerValue>(
+    (file, kind): (&PageFile, PageKind),
+    pages: &mut impl Pages,
+    (hit, vertices): (&Hit, [usize; 3]),
+) -> Result<Option<[V; 3]>, u32> {
+    let Some(page) = file.value_page(kind, hit.page, hit.triangle) else { return Ok(None) };
+    let place = place_in(file, page, hit);
+    match pages.page(page) {
+        Page::Ready(frame) => Ok(Some(ValueView::new(frame.bytes()).values(place, vertices))),
+        Page::Missing => Err(page),
+        Page::Damaged => Ok(None),
     }
 }
 
@@ -109,7 +98,7 @@ fn shading_normal(normals: [Normal; 3], barycentric: [f32; 3], flat: Vec3) -> Ve
 fn vertices(frame: Frame<'_>, local: usize) -> Option<[usize; 3]> {
     let cluster = FrameView::new(frame).cluster_with(local)?;
     let index = local - cluster.first_triangle();
-    let leaf = (0..cluster.leaf_count()).rev().find(|&leaf| cluster.leaf_first(leaf) <= index)?;
+    let leaf = cluster.leaf_with(index);
     Some(cluster.triangle_vertices(leaf, index - cluster.leaf_first(leaf)))
 }
 
