@@ -15,12 +15,14 @@ pub trait CornerValue: Copy + PartialEq {
     const CHANNELS: usize;
     /// Bits of a channel, modulo which differences are taken.
     const CHANNEL_BITS: u32;
+    /// Ways to take a value apart.
+    const SPLITS: u8;
 
-    /// The channels as they are coded; of those behind the last one, 0.
-    fn channels(self) -> [u16; 3];
+    /// The channels as they are coded, taken apart in a way; of those behind the last one, 0.
+    fn channels(self, split: u8) -> [u16; 3];
 
     /// The value of such channels, modulo their bits.
-    fn from_channels(channels: [u16; 3]) -> Self;
+    fn from_channels(channels: [u16; 3], split: u8) -> Self;
 
     /// As it stands in a frame, and among exceptions.
     fn to_bytes(self) -> [u8; 3];
@@ -33,16 +35,19 @@ impl CornerValue for Colour {
     const NONE: Colour = WHITE;
     const CHANNELS: usize = 3;
     const CHANNEL_BITS: u32 = 8;
+    const SPLITS: u8 = 2;
 
-    /// Green, and what the others have more.
-    fn channels(self) -> [u16; 3] {
+    /// Green, and red and blue: what they have more, or as they are.
+    fn channels(self, split: u8) -> [u16; 3] {
         let [r, g, b] = self;
-        [g, r.wrapping_sub(g), b.wrapping_sub(g)].map(u16::from)
+        let less = if split == 0 { g } else { 0 };
+        [g, r.wrapping_sub(less), b.wrapping_sub(less)].map(u16::from)
     }
 
-    fn from_channels(channels: [u16; 3]) -> Colour {
+    fn from_channels(channels: [u16; 3], split: u8) -> Colour {
         let [g, r, b] = channels.map(|channel| channel as u8);
-        [r.wrapping_add(g), g, b.wrapping_add(g)]
+        let less = if split == 0 { g } else { 0 };
+        [r.wrapping_add(less), g, b.wrapping_add(less)]
     }
 
     fn to_bytes(self) -> [u8; 3] {
@@ -58,13 +63,14 @@ impl CornerValue for Normal {
     const NONE: Normal = Normal::NONE;
     const CHANNELS: usize = 2;
     const CHANNEL_BITS: u32 = NORMAL_BITS;
+    const SPLITS: u8 = 1;
 
-    fn channels(self) -> [u16; 3] {
+    fn channels(self, _: u8) -> [u16; 3] {
         let [x, y] = self.coordinates().map(|v| v as u16);
         [x, y, 0]
     }
 
-    fn from_channels([x, y, _]: [u16; 3]) -> Normal {
+    fn from_channels([x, y, _]: [u16; 3], _: u8) -> Normal {
         Normal::from_coordinates([x, y].map(u32::from))
     }
 

@@ -32,6 +32,7 @@ mod strips;
 mod tests;
 mod unpack;
 mod value_codec;
+mod value_guess;
 mod value_packer;
 mod vertices;
 mod view;

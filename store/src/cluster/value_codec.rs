@@ -3,11 +3,12 @@
 //!
 //! ```text
 //! disk    = clusters u16 | cluster ... | zeros to the next byte
-//! cluster = bits of: triangles - 1, 7 | kind, 2 | vertices - 1, 7, exceptions, 8 (by vertex) | Rice parameters, 3 each
+//! cluster = bits of: triangles - 1, 7 | kind, 2 | vertices - 1, 7, exceptions, 8 (by vertex) | rule of guesses, 3
+//!         | Rice parameters, 3 each
 //!         | value ... | corner, 9, and value of each exception
-//! value   = its channels: each less that of the value before, modulo its bits, small ones of either sign first,
+//! value   = its channels: each less what it is guessed to be, modulo its bits, small ones of either sign first,
 //!           Rice coded
-//! frame   = clusters u32 | cluster: first triangle u16, kind u8, exceptions u8, offset u32 ...
+//! frame   = clusters u16 | triangles u16 | cluster: first triangle u16, kind u8, exceptions u8, offset u32 ...
 //!         | of each: exceptions, 5 bytes each, and values, 3 bytes each
 //! ```
 //!
@@ -15,13 +16,16 @@
 //! face, or to a corner, whichever takes the fewest bits. Clusters whose corners have no value hold none, and a mesh
 //! page without any other has no page of them.
 //!
-//! Vertices and triangles stand in the order of strips, so the value before is that of a neighbour.
+//! Vertices and triangles stand in the order of strips, so values before are those of neighbours (`value_guess`). A
+//! guess by the triangles about a vertex, which other codecs make, takes 3 to 32 % less of colours and 6 to 38 % of
+//! normals; but then a page would not be read without its mesh, and unpacked cluster by cluster.
 //!
 //! Invariants: 1. values come back to the bit; 2. both forms fit a frame; 3. what [`install_values`] accepts, a
 //! [`ValueView`] reads without leaving the frame, whatever is asked of it.
 
 use super::bits::{BitStream, BitWriter};
 use super::corner_value::CornerValue;
+use super::value_guess::{GuessRule, RULE_BITS, ValueGuess, signed, spare_bits};
 use crate::layout::{CLUSTER_TRIANGLES, CLUSTER_VERTICES};
 use std::marker::PhantomData;
 
@@ -71,6 +75,7 @@ impl ValueKind {
 pub(super) struct ClusterValues<V> {
     kind: ValueKind,
     pub(super) triangle_count: usize,
+    rule: GuessRule,
     values: Vec<V>,
     /// By corner, three to a triangle, ascending.
     exceptions: Vec<(u16, V)>,
@@ -91,12 +96,13 @@ impl<V: CornerValue> ClusterValues<V> {
     ) -> ClusterValues<V> {
         let triangle_count = triangles.len();
         let corners = corner_values.as_flattened();
+        let rule = GuessRule::from_bits(0);
+        let with =
+            |kind, values, exceptions| ClusterValues { kind, triangle_count, rule, values, exceptions };
         if corners.iter().all(|&value| value == V::NONE) {
-            let (kind, values, exceptions) = (ValueKind::None, Vec::new(), Vec::new());
-            return ClusterValues { kind, triangle_count, values, exceptions };
+            return with(ValueKind::None, Vec::new(), Vec::new());
         }
-        let with = |kind, values, exceptions| ClusterValues { kind, triangle_count, values, exceptions };
-        let mut forms = vec![with(ValueKind::Corner, corners.to_vec(), Vec::new())];
+        let mut forms = Vec::with_capacity(3);
         if corner_values.iter().all(|[a, b, c]| a == b && b == c) {
             let faces = corner_values.iter().map(|corners| corners[0]).collect();
             forms.push(with(ValueKind::Face, faces, Vec::new()));
@@ -108,17 +114,29 @@ impl<V: CornerValue> ClusterValues<V> {
                 exceptions.push((corner as u16, value));
             }
         }
+        // Where vertices say all, corners say it again.
+        if !exceptions.is_empty() {
+            forms.push(with(ValueKind::Corner, corners.to_vec(), Vec::new()));
+        }
         if exceptions.len() <= EXCEPTIONS {
             let values = of_vertex.into_iter().map(|value| value.unwrap_or(V::NONE)).collect();
             forms.push(with(ValueKind::Vertex, values, exceptions));
         }
-        forms.into_iter().min_by_key(ClusterValues::bit_count).expect("by corner at least")
+        let form =
+            forms.into_iter().min_by_key(ClusterValues::bit_count).expect("by vertex or corner at least");
+        let rule = GuessRule::all::<V>().min_by_key(|&rule| form.coded_bits(rule)).expect("four rules");
+        ClusterValues { rule, ..form }
     }
 
     fn bit_count(&self) -> usize {
-        let numbers = numbers(&self.values);
-        let coded: usize = numbers[..V::CHANNELS].iter().map(|channel| best_parameter::<V>(channel).1).sum();
-        coded + self.exceptions.len() * (CORNER_BITS + Self::EXCEPTION_BITS) as usize
+        let exceptions = self.exceptions.len() * (CORNER_BITS + Self::EXCEPTION_BITS) as usize;
+        self.coded_bits(self.rule) + exceptions
+    }
+
+    /// Bits of the values under a rule, as good as behind their own first.
+    fn coded_bits(&self, rule: GuessRule) -> usize {
+        let numbers = numbers((&self.values, self.values[0]), rule);
+        numbers[..V::CHANNELS].iter().map(|channel| best_parameter::<V>(channel).1).sum()
     }
 
     /// Whether no corner has one.
@@ -133,12 +151,13 @@ impl<V: CornerValue> ClusterValues<V> {
 
     /// Bytes on disk, at most.
     pub(super) fn disk_bytes_most(&self) -> usize {
-        let head = 2 * COUNT_BITS + KIND_BITS + 3 * PARAMETER_BITS + EXCEPTION_COUNT_BITS;
+        let head = 2 * COUNT_BITS + KIND_BITS + EXCEPTION_COUNT_BITS + RULE_BITS + 3 * PARAMETER_BITS;
         let exceptions = self.exceptions.len() * (CORNER_BITS + Self::EXCEPTION_BITS) as usize;
         (head as usize + V::CHANNELS * Self::NUMBER_BITS_MOST * self.values.len() + exceptions).div_ceil(8)
     }
 
-    pub(super) fn write(&self, out: &mut BitWriter) {
+    /// Writes it behind a cluster whose last value is `last`, which becomes its own.
+    pub(super) fn write(&self, last: &mut V, out: &mut BitWriter) {
         out.put(self.triangle_count as u64 - 1, COUNT_BITS);
         out.put(self.kind as u64, KIND_BITS);
         if self.kind == ValueKind::None {
@@ -148,7 +167,9 @@ impl<V: CornerValue> ClusterValues<V> {
             out.put(self.values.len() as u64 - 1, COUNT_BITS);
             out.put(self.exceptions.len() as u64, EXCEPTION_COUNT_BITS);
         }
-        let numbers = numbers(&self.values);
+        out.put(self.rule.bits(), RULE_BITS);
+        let numbers = numbers((&self.values, *last), self.rule);
+        *last = *self.values.last().expect("a value at least");
         let parameters = [0, 1, 2].map(|channel| best_parameter::<V>(&numbers[channel]).0);
         parameters[..V::CHANNELS].iter().for_each(|&p| out.put(u64::from(p), PARAMETER_BITS));
         for value in 0..self.values.len() {
@@ -163,28 +184,23 @@ impl<V: CornerValue> ClusterValues<V> {
     }
 }
 
-/// What is coded of values, by channel.
-fn numbers<V: CornerValue>(values: &[V]) -> [Vec<u16>; 3] {
-    let mut before = [0; 3];
+/// What is coded of values behind another, by channel.
+fn numbers<V: CornerValue>((values, last): (&[V], V), rule: GuessRule) -> [Vec<u16>; 3] {
     let mut numbers =
         [0, 1, 2].map(|channel| Vec::with_capacity(if channel < V::CHANNELS { values.len() } else { 0 }));
+    let mut guess = ValueGuess::new(rule, last);
     for value in values {
-        let now = value.channels();
+        let now = value.channels(rule.split());
         for channel in 0..V::CHANNELS {
-            numbers[channel].push(zigzag::<V>(now[channel].wrapping_sub(before[channel])));
+            numbers[channel].push(zigzag::<V>(now[channel].wrapping_sub(guess.channel::<V>(channel))));
         }
-        before = now;
+        guess.learn(now);
     }
     numbers
 }
 
-/// Bits of a channel that are not those of the word that it stands in.
-const fn spare_bits<V: CornerValue>() -> u32 {
-    u16::BITS - V::CHANNEL_BITS
-}
-
 fn zigzag<V: CornerValue>(difference: u16) -> u16 {
-    let signed = ((difference << spare_bits::<V>()) as i16) >> spare_bits::<V>();
+    let signed = signed::<V>(difference);
     ((signed << 1) ^ (signed >> 15)) as u16 & (u16::MAX >> spare_bits::<V>())
 }
 
@@ -235,12 +251,11 @@ const UNSOUND: &str = "a page of colours or normals is not what its counts say";
 /// What is wrong, in words; the frame's content is then not specified.
 pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> Result<usize, &'static str> {
     let mut input = BitStream::new(bytes);
-    let (mut triangle, cluster_count) = (0, input.take(16) as usize);
+    let (mut triangle, cluster_count, mut last) = (0, input.take(16) as usize, V::NONE);
     let mut at = FRAME_HEAD_BYTES + CLUSTER_HEAD_BYTES * cluster_count;
     if cluster_count == 0 || at > frame.len() {
         return Err(UNSOUND);
     }
-    frame[..FRAME_HEAD_BYTES].copy_from_slice(&(cluster_count as u32).to_le_bytes());
     for cluster in 0..cluster_count {
         let triangle_count = input.take(COUNT_BITS) as usize + 1;
         let kind = ValueKind::from_bits(input.take(KIND_BITS));
@@ -259,7 +274,7 @@ pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> 
         let room = frame.get_mut(offset..at).ok_or(UNSOUND)?;
         let (exceptions, values) = room.split_at_mut(EXCEPTION_BYTES * exception_count);
         if kind != ValueKind::None {
-            take_values::<V>(&mut input, values.as_chunks_mut().0);
+            last = take_values(&mut input, last, values.as_chunks_mut().0);
         }
         for exception in exceptions.as_chunks_mut::<EXCEPTION_BYTES>().0 {
             let corner = (input.take(CORNER_BITS) as u16).to_le_bytes();
@@ -275,21 +290,35 @@ pub(crate) fn install_values<V: CornerValue>(bytes: &[u8], frame: &mut [u8]) -> 
         head[4..].copy_from_slice(&(offset as u32).to_le_bytes());
         triangle += triangle_count;
     }
+    let triangle_count = triangle.min(usize::from(u16::MAX)) as u16;
+    frame[..2].copy_from_slice(&(cluster_count as u16).to_le_bytes());
+    frame[2..FRAME_HEAD_BYTES].copy_from_slice(&triangle_count.to_le_bytes());
     if input.is_whole() { Ok(at) } else { Err(UNSOUND) }
 }
 
-fn take_values<V: CornerValue>(input: &mut BitStream<'_>, values: &mut [[u8; VALUE_BYTES]]) {
+/// Values of a cluster behind another whose last value is `last`. Gives their own last.
+fn take_values<V: CornerValue>(
+    input: &mut BitStream<'_>,
+    mut last: V,
+    values: &mut [[u8; VALUE_BYTES]],
+) -> V {
+    let rule = GuessRule::from_bits(input.take(RULE_BITS));
     let parameters: [u32; 3] = std::array::from_fn(|channel| match channel < V::CHANNELS {
         true => input.take(PARAMETER_BITS) as u32,
         false => 0,
     });
-    let mut now = [0u16; 3];
+    let mut guess = ValueGuess::new(rule, last);
     for value in values {
+        let mut now = [0; 3];
         for channel in 0..V::CHANNELS {
-            now[channel] = now[channel].wrapping_add(unzigzag(take_number::<V>(input, parameters[channel])));
+            let number = unzigzag(take_number::<V>(input, parameters[channel]));
+            now[channel] = guess.channel::<V>(channel).wrapping_add(number);
         }
-        *value = V::from_channels(now).to_bytes();
+        guess.learn(now);
+        last = V::from_channels(now, rule.split());
+        *value = last.to_bytes();
     }
+    last
 }
 
 /// A frame that a page of values was decoded into.
@@ -308,13 +337,19 @@ impl<'a, V: CornerValue> ValueView<'a, V> {
     /// The values of the corners of a triangle, given by its index from the first that the page is of on, and the
     /// indices of its vertices within its cluster. What the page does not have is none.
     pub fn values(&self, triangle: usize, vertices: [usize; 3]) -> [V; 3] {
-        let count = u32::from_le_bytes(self.bytes[..4].try_into().expect("four bytes")) as usize;
+        let [count, triangle_count] =
+            [0, 2].map(|at| usize::from(u16::from_le_bytes([self.bytes[at], self.bytes[at + 1]])));
         let heads = &self.bytes[FRAME_HEAD_BYTES..][..CLUSTER_HEAD_BYTES * count];
         let heads = heads.as_chunks::<CLUSTER_HEAD_BYTES>().0;
         let first = |head: &[u8; CLUSTER_HEAD_BYTES]| usize::from(u16::from_le_bytes([head[0], head[1]]));
-        let Some(at) = heads.partition_point(|head| first(head) <= triangle).checked_sub(1) else {
-            return [V::NONE; 3];
-        };
+        // Clusters have about as many triangles each; the first begins at 0.
+        let mut at = (triangle * count / triangle_count).min(count - 1);
+        while first(&heads[at]) > triangle {
+            at -= 1;
+        }
+        while at + 1 < count && first(&heads[at + 1]) <= triangle {
+            at += 1;
+        }
         let head = &heads[at];
         let offset = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
         let (exceptions, values) = self.bytes[offset..].split_at(EXCEPTION_BYTES * usize::from(head[3]));

@@ -104,7 +104,8 @@ impl<V: CornerValue> ValuePacker<V> {
         if !clusters.is_empty() {
             let mut out = BitWriter::default();
             out.put(clusters.len() as u64, 16);
-            clusters.iter().for_each(|cluster| cluster.write(&mut out));
+            let mut last = V::NONE;
+            clusters.iter().for_each(|cluster| cluster.write(&mut last, &mut out));
             let (first_triangle, bytes) = (self.first_triangle, out.finish());
             self.packed.pages.push(ValuePage { first_triangle, bytes });
         }
