@@ -25,7 +25,7 @@ pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTrad
 pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
-pub use demo::{DemoArgs, GenArgs};
+pub use demo::{DemoArgs, GenArgs, GeneratedColors};
 pub use device::DeviceArgs;
 pub use doctor::DoctorArgs;
 pub use export::ExportArgs;

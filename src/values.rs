@@ -110,7 +110,7 @@ pub struct SampleFormat {
 pub enum Input {
     /// A mesh file.
     File(PathBuf),
-    /// `gen:KIND:COUNT[:SEED]`, as written; the generator's own parser reads it.
+    /// `gen:KIND:COUNT[:SEED][:colors=low|high]`, as written; the generator's own parser reads it.
     Generated(String),
 }
 

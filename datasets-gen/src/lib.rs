@@ -12,6 +12,7 @@
 
 mod dice;
 mod isosurface;
+mod paint;
 mod pipes;
 mod pool;
 mod scan;
@@ -22,6 +23,7 @@ mod view;
 mod views;
 pub mod write;
 
+pub use paint::ColourFrequency;
 pub use soup::degenerate_count;
 pub use spec::{GenOptions, Kind, Spec};
 pub use view::View;
@@ -29,6 +31,7 @@ pub use views::views;
 pub use write::write;
 
 use glam::DVec3;
+use paint::Painted;
 use trex_store::{Result, TriangleSource};
 
 /// Most materials of a generated mesh: writers lease memory for so many.
@@ -60,7 +63,10 @@ pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>
         Kind::Soup => soup::open(spec, options),
     }?;
     assert!(source.materials().len() <= MATERIALS_MAX, "writers lease memory for fewer materials");
-    Ok(source)
+    Ok(match spec.colours {
+        Some(frequency) => Box::new(Painted::new(source, frequency, spec.seed)),
+        None => source,
+    })
 }
 
 /// The median length of the triangles' edges. Generators that have no formula for it ask a sample.

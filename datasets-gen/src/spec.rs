@@ -1,8 +1,9 @@
-//! `Spec`: which mesh, `gen:KIND:COUNT[:SEED]` in text.
+//! `Spec`: which mesh, `gen:KIND:COUNT[:SEED][:colors=low|high]` in text.
 //!
 //! Invariants: 1. `parse` of what `to_string` prints gives the same spec; 2. the count is within
 //! [`Spec::MIN_TRIANGLES`] and [`Spec::MAX_TRIANGLES`] after `parse`.
 
+use crate::paint::ColourFrequency;
 use std::fmt;
 use trex_store::{Budget, Code, Error, Interrupt, Result};
 
@@ -43,6 +44,8 @@ pub struct Spec {
     pub triangles: u64,
     /// Seed of everything random in it.
     pub seed: u64,
+    /// Its colours, if it has any.
+    pub colours: Option<ColourFrequency>,
 }
 
 /// How to run a generator.
@@ -76,7 +79,7 @@ impl Spec {
         text.starts_with("gen:")
     }
 
-    /// Reads `gen:KIND:COUNT[:SEED]`; COUNT is a number, with `k`, `M` or `G` for 10^3, 10^6, 10^9.
+    /// Reads `gen:KIND:COUNT[:SEED][:colors=low|high]`; COUNT is a number, with `k`, `M` or `G` for 10^3, 10^6, 10^9.
     ///
     /// # Errors
     /// `Code::Usage`, naming the part that is wrong.
@@ -85,9 +88,18 @@ impl Spec {
             Err(Error::new(Code::Usage, what)
                 .at_place(text)
                 .numbers(format!("counts from {} to {}", Spec::MIN_TRIANGLES, Spec::MAX_TRIANGLES))
-                .next("write gen:KIND:COUNT[:SEED], as in gen:isosurface:5M or gen:pipes:100k:7"))
+                .next("write gen:KIND:COUNT[:SEED][:colors=low|high], as in gen:isosurface:5M or gen:pipes:100k:7"))
         };
-        let parts: Vec<&str> = text.split(':').collect();
+        let mut parts: Vec<&str> = text.split(':').collect();
+        let colours = match parts.last().and_then(|part| part.strip_prefix("colors=")) {
+            Some(name) => {
+                parts.pop();
+                let known = ColourFrequency::ALL.into_iter().find(|known| known.as_str() == name);
+                let Some(known) = known else { return wrong(format!("no colours are called `{name}`")) };
+                Some(known)
+            }
+            None => None,
+        };
         let (kind, count, seed) = match parts[..] {
             ["gen", kind, count] => (kind, count, None),
             ["gen", kind, count, seed] => (kind, count, Some(seed)),
@@ -105,13 +117,14 @@ impl Spec {
         let Some(seed) = seed.map_or(Some(Spec::DEFAULT_SEED), |seed| seed.parse().ok()) else {
             return wrong(format!("`{}` is no seed", seed.unwrap_or_default()));
         };
-        Ok(Spec { kind, triangles, seed })
+        Ok(Spec { kind, triangles, seed, colours })
     }
 }
 
 impl fmt::Display for Spec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "gen:{}:{}:{}", self.kind.as_str(), self.triangles, self.seed)
+        write!(f, "gen:{}:{}:{}", self.kind.as_str(), self.triangles, self.seed)?;
+        self.colours.map_or(Ok(()), |colours| write!(f, ":colors={colours}"))
     }
 }
 
@@ -149,8 +162,13 @@ mod tests {
             ("gen:soup:2.5M", Kind::Soup, 2_500_000, 1),
         ] {
             let spec = Spec::parse(text).unwrap();
-            assert_eq!(spec, Spec { kind, triangles, seed });
+            assert_eq!(spec, Spec { kind, triangles, seed, colours: None });
             assert_eq!(Spec::parse(&spec.to_string()).unwrap(), spec);
+            for colours in ColourFrequency::ALL {
+                let painted = Spec { colours: Some(colours), ..spec };
+                assert_eq!(Spec::parse(&format!("{text}:colors={colours}")).unwrap(), painted);
+                assert_eq!(Spec::parse(&painted.to_string()).unwrap(), painted);
+            }
         }
     }
 
@@ -170,6 +188,9 @@ mod tests {
             "gen:soup:",
             "gen:soup:.M",
             "gen:soup:1.5",
+            "gen:soup:5M:colors=",
+            "gen:soup:5M:colors=low:1",
+            "gen:soup:colors=low",
         ] {
             let error = Spec::parse(text).unwrap_err();
             assert_eq!(error.code(), Code::Usage, "{text}");

@@ -13,7 +13,7 @@ use trex_store::verify::Level;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
-    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED; volumes: .nrrd, .nhdr, .mhd,
+    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED and :colors=low or :colors=high; volumes: .nrrd, .nhdr, .mhd,
     /// .mha or .raw, with --iso; several become one model
     #[arg(value_name = "INPUT", required_unless_present_any = ["clean", "plan"], num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]

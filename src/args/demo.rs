@@ -2,7 +2,8 @@
 
 use super::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs, keys};
 use crate::values::{self, Resolution};
-use clap::Args;
+use clap::{Args, ValueEnum};
+use datasets_gen::ColourFrequency;
 use std::path::PathBuf;
 use trex_render::RenderKeys;
 
@@ -62,15 +63,38 @@ pub struct GenArgs {
     /// Seed; the same seed gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// Colours of the vertices, waves over the place; none without
+    #[arg(long, value_enum, value_name = "FREQUENCY")]
+    pub colors: Option<GeneratedColors>,
     #[command(flatten)]
     pub overwrite: OverwriteArgs,
     #[command(flatten)]
     pub common: CommonArgs,
 }
 
+/// Colours of a generated mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GeneratedColors {
+    /// Waves of a tenth of the model and more
+    Low,
+    /// Also of some edges, with noise
+    High,
+}
+
+impl GeneratedColors {
+    /// The generator's form.
+    pub fn frequency(self) -> ColourFrequency {
+        match self {
+            GeneratedColors::Low => ColourFrequency::Low,
+            GeneratedColors::High => ColourFrequency::High,
+        }
+    }
+}
+
 const AFTER_GEN: &str = "\
-`trex build gen:KIND:COUNT[:SEED] -o OUT.trex` builds the same mesh with no file between.
+`trex build gen:KIND:COUNT[:SEED][:colors=low|high] -o OUT.trex` builds the same mesh with no file between.
 
 Examples:
   trex gen isosurface --triangles 20M -o iso.ply
-  trex gen pipes --triangles 1M --seed 7 -o plant.obj";
+  trex gen pipes --triangles 1M --seed 7 -o plant.obj
+  trex gen scan --triangles 5M --colors high -o statue.ply";

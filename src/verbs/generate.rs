@@ -1,7 +1,7 @@
 //! `trex gen`: a generated mesh to a PLY, OBJ, GLB or STL file. (`gen` is a keyword of Rust.)
 
 use super::inputs;
-use crate::args::GenArgs;
+use crate::args::{GenArgs, GeneratedColors};
 use crate::context::Context;
 use crate::failure::Exit;
 use crate::memory::Memory;
@@ -19,6 +19,7 @@ use trex_store::printable::one_line;
 pub fn run(args: &GenArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let start = Instant::now();
     let spec = Spec::parse(&format!("gen:{}:{}:{}", args.kind.as_str(), args.triangles, args.seed))?;
+    let spec = Spec { colours: args.colors.map(GeneratedColors::frequency), ..spec };
     let mut source = inputs::generate(&spec, smallest_bytes(&args.output), ctx)?;
     let show = ctx.report();
     let options = WriteOptions {

@@ -6,6 +6,7 @@
 //! they are: the build counts and rejects them.
 
 use crate::attributes::{AttributeColumns, AttributeSet, CornerAttributes};
+use crate::cluster::Colour;
 use crate::error::Result;
 use crate::geom::{Aabb, Lattice};
 use crate::material_list::MaterialList;
@@ -48,6 +49,14 @@ impl TriangleBatch {
         self.attributes.push(attributes, (self.corners.len(), self.corners.capacity()));
         self.corners.push(corners);
         self.material.push(material);
+    }
+
+    /// Gives each corner the colour of its place.
+    pub fn paint(&mut self, colour: impl Fn([f64; 3]) -> Colour) {
+        let AttributeColumns { colours, .. } = &mut self.attributes;
+        colours.clear();
+        colours.reserve_exact(self.corners.capacity());
+        colours.extend(self.corners.iter().map(|corners| corners.map(&colour)));
     }
 
     /// Count of triangles.

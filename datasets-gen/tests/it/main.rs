@@ -9,7 +9,7 @@ use trex_store::{TriangleBatch, TriangleSource};
 
 /// The stream of a spec with seed 1.
 fn open(kind: Kind, triangles: u64, threads: usize) -> Box<dyn TriangleSource> {
-    open_seeded(Spec { kind, triangles, seed: 1 }, threads)
+    open_seeded(Spec { kind, triangles, seed: 1, colours: None }, threads)
 }
 
 fn open_seeded(spec: Spec, threads: usize) -> Box<dyn TriangleSource> {

@@ -28,7 +28,7 @@ fn counts_are_within_one_percent_of_asked_and_of_the_hint() {
             (1_000_000, 1),
             (3_000_000, 2),
         ] {
-            let mut source = open_seeded(Spec { kind, triangles, seed }, 2);
+            let mut source = open_seeded(Spec { kind, triangles, seed, colours: None }, 2);
             let hint = source.hint().unwrap().triangle_count;
             let (mut batch, mut count) = (TriangleBatch::default(), 0);
             while source.next_batch(&mut batch).unwrap() {
@@ -67,7 +67,7 @@ fn the_stream_is_the_same_at_any_thread_count_after_rewind_and_differs_by_seed()
         for threads in [2, 5] {
             assert_eq!(hash(&collect(&mut *open(kind, 60_000, threads))), expected, "{kind:?} {threads}");
         }
-        let mut other = open_seeded(Spec { kind, triangles: 60_000, seed: 2 }, 2);
+        let mut other = open_seeded(Spec { kind, triangles: 60_000, seed: 2, colours: None }, 2);
         assert_ne!(hash(&collect(&mut *other)), expected, "{kind:?} with another seed");
     }
 }
@@ -152,7 +152,7 @@ fn the_soup_holds_its_degenerates() {
 fn views_start_with_the_overview_and_stay_finite() {
     for kind in Kind::ALL {
         for triangles in [10_000, 1_000_000_000] {
-            let views = views(&Spec { kind, triangles, seed: 1 });
+            let views = views(&Spec { kind, triangles, seed: 1, colours: None });
             assert_eq!(views[0].name, "overview");
             assert_eq!(kind == Kind::Pipes, views.iter().any(|view| view.name == "interior"));
             for view in views {
@@ -166,7 +166,7 @@ fn views_start_with_the_overview_and_stay_finite() {
 #[test]
 fn memory_is_leased_and_interrupts_stop() {
     for kind in Kind::ALL {
-        let spec = Spec { kind, triangles: 50_000, seed: 1 };
+        let spec = Spec { kind, triangles: 50_000, seed: 1, colours: None };
         let tight = Budget::new(trex_store::RESERVE_BYTES + (1 << 20));
         let options = GenOptions { threads: 2, budget: tight, ..GenOptions::default() };
         let refused = datasets_gen::open(&spec, &options).err().expect("one MiB is too little");

@@ -28,7 +28,7 @@ fn bad_edges(spec: Spec) -> (Vec<[[f64; 3]; 2]>, usize) {
 #[test]
 fn the_statue_is_closed_and_oriented() {
     for seed in [1, 5] {
-        let (open, crowded) = bad_edges(Spec { kind: Kind::Scan, triangles: 60_000, seed });
+        let (open, crowded) = bad_edges(Spec { kind: Kind::Scan, triangles: 60_000, seed, colours: None });
         assert_eq!((open.len(), crowded), (0, 0));
     }
 }
@@ -36,7 +36,7 @@ fn the_statue_is_closed_and_oriented() {
 #[test]
 fn the_layer_is_closed_but_for_its_walls() {
     for (triangles, seed) in [(30_000, 1), (30_000, 9), (300_000, 3)] {
-        let (open, crowded) = bad_edges(Spec { kind: Kind::Isosurface, triangles, seed });
+        let (open, crowded) = bad_edges(Spec { kind: Kind::Isosurface, triangles, seed, colours: None });
         assert_eq!(crowded, 0);
         assert!(!open.is_empty());
         let mut walls = [[0.0f64; 2]; 3];
@@ -57,7 +57,8 @@ fn the_layer_is_closed_but_for_its_walls() {
 
 #[test]
 fn the_statue_encloses_a_positive_volume_and_the_layer_faces_up() {
-    let statue = collect(&mut *open_seeded(Spec { kind: Kind::Scan, triangles: 20_000, seed: 1 }, 1));
+    let statue =
+        collect(&mut *open_seeded(Spec { kind: Kind::Scan, triangles: 20_000, seed: 1, colours: None }, 1));
     let volume: f64 = statue
         .corners
         .iter()
@@ -65,7 +66,10 @@ fn the_statue_encloses_a_positive_volume_and_the_layer_faces_up() {
         .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
         .sum();
     assert!((1.0..20.0).contains(&volume), "{volume}");
-    let layer = collect(&mut *open_seeded(Spec { kind: Kind::Isosurface, triangles: 50_000, seed: 1 }, 1));
+    let layer = collect(&mut *open_seeded(
+        Spec { kind: Kind::Isosurface, triangles: 50_000, seed: 1, colours: None },
+        1,
+    ));
     let corners = layer.corners.iter().map(|corners| corners.map(DVec3::from));
     let upward: f64 = corners.map(|[a, b, c]| 0.5 * (b - a).cross(c - a).y).sum();
     // What the layer covers of its square, to a cell.
