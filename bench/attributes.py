@@ -14,8 +14,8 @@ Each codec gets the values as trex keeps them: three bytes of colour, normals in
 Draco gets the mesh with positions of as many bits as the lattice of the page file has, and takes what it grows by with
 the attribute; meshoptimizer gets the vertices in its own order, for the vertex cache and then for fetching, and its
 stream is given with and without zstd behind it. Needs numpy, meshoptimizer, DracoPy and zstandard. Prints a document
-for `trex-bench record`. Builds with and without, and rays through both files, take turns; speeds are ratios of
-medians of the rounds, 1 being as fast as without.
+for `trex-bench record`. Builds with and without, rays and pictures of both files, take turns; speeds are ratios of
+medians of the rounds, 1 being as fast as without. Shaded rays look colour and normal of each hit up, too.
 """
 
 import json
@@ -40,6 +40,9 @@ NORMAL_BITS = 10
 DRACO_LEVEL = 7
 SEED = 1
 RAYS = ["primary", "shadow", "incoherent"]
+# Of the file with both, and what they are compared with.
+SHADED = {"primary_shaded": "primary", "incoherent_shaded": "incoherent"}
+PICTURE = ["--resolution", "512x512", "--spp", "8", "--overwrite"]
 
 
 def read(path):
@@ -172,13 +175,18 @@ def main():
             built = trex(command, "build", str(painted), "-o", files[way], "--overwrite", "--progress", "none", *keeps)
             seconds[way].append(built["phase_ms"]["total"] / 1e3)
     told = {way: trex(command, "info", file) for way, file in files.items()}
-    rays = {way: {kind: [] for kind in RAYS} for way in ("plain", "both")}
+    kinds = {"plain": RAYS, "both": [*RAYS, *SHADED]}
+    rays = {way: {kind: [] for kind in kinds[way]} for way in kinds}
+    pictures = {way: [] for way in kinds}
     for turn in range(rounds):
         for way in list(rays) if turn % 2 == 0 else list(rays)[::-1]:
             traced = trex(command, "bench", "rays", files[way], "--resolution", "512x512", "--rounds", "1")
-            for kind in RAYS:
+            for kind in kinds[way]:
                 rays[way][kind].append(traced[kind]["per_core_s"])
+            shown = trex(command, "render", files[way], "-o", str(work / "painted.png"), "--progress", "none", *PICTURE)
+            pictures[way].append(shown["time_ms"])
     painted.unlink()
+    (work / "painted.png").unlink()
     for file in files.values():
         Path(file).unlink()
 
@@ -199,7 +207,8 @@ def main():
             "draco": (by_draco(vertices, faces, bits, **attribute) - plain) / count,
             "raw": {"colours": 3, "normals": 2.5}[name] * told["both"]["vertex_count"] / count,
         }
-    ray_speed = {k: statistics.median(rays["both"][k]) / statistics.median(rays["plain"][k]) for k in RAYS}
+    ray_medians = {way: {kind: statistics.median(speeds) for kind, speeds in rays[way].items()} for way in rays}
+    ray_speed = {k: ray_medians["both"][k] / ray_medians["plain"][SHADED.get(k, k)] for k in kinds["both"]}
     medians = {way: statistics.median(times) for way, times in seconds.items()}
     print(
         json.dumps(
@@ -218,6 +227,7 @@ def main():
                 "build_seconds": medians,
                 "speed": {way: medians["plain"] / medians[way] for way in ("colours", "normals", "both")},
                 "ray_speed": ray_speed,
+                "picture_speed": statistics.median(pictures["plain"]) / statistics.median(pictures["both"]),
                 "versions": {name: version(name) for name in ("DracoPy", "meshoptimizer", "zstandard")},
             }
         )

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What vertex colours and normals cost: bytes a triangle beside meshoptimizer's and Draco's codecs, pages, and the speed of builds, of
+# What vertex colours and normals cost: bytes a triangle beside meshoptimizer's and Draco's codecs, pages, and the speed of builds and rays, of
 # colours and normals of low and of high frequency on five kinds of model; a record each. Ten minutes; sizes need no quiet machine,
 # speeds do. Needs Python with venv, and PyPI.
 #

@@ -11,6 +11,7 @@
 #   memory   the same with all that a view needs in memory
 #   size     by the size of the model
 #   limit    by the limit
+#   colours  views that jump in 128 MiB, of models with colours of high frequency and without
 #
 # Without a part: all of them.
 set -euo pipefail
@@ -89,6 +90,13 @@ part() {
             stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 10
         done
         ;;
+    colours)
+        for model in isosurface pipes scan; do
+            built $model-100m-colours.trex gen:$model:100M:1:colors=high
+            stress colours-$model-without 128 $model-100m.trex --scenario teleport --switches 100
+            stress colours-$model-with 128 $model-100m-colours.trex --scenario teleport --switches 100
+        done
+        ;;
     *)
         echo "bench/frames.sh: no part is called $1" >&2
         return 2
@@ -121,6 +129,6 @@ errors() {
         --references "error-$model-$scenario.references"
 }
 
-[ $# -gt 0 ] || set -- jumps large errors views memory size limit
+[ $# -gt 0 ] || set -- jumps large errors views memory size limit colours
 for name; do part "$name"; done
 "$root/target/release/trex-bench" --root "$root" docs
