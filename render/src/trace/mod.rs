@@ -7,7 +7,6 @@ mod bvh;
 mod caps;
 mod corners;
 mod crossings;
-
 mod kernel;
 mod lattice_ray;
 mod naive;
@@ -73,7 +72,7 @@ pub struct Hit {
     pub t: f64,
     /// Store id of the triangle: the page's first id + index within the page.
     pub triangle: u32,
-    /// Index of the page that holds it; 0 where there are no pages.
+    /// Index of the page that holds it; 0 where there are no pages, `u32::MAX`, as the triangle, on the cap of a cut.
     pub page: u32,
     /// Index into the store's materials.
     pub material: u32,
@@ -92,7 +91,7 @@ impl Hit {
 }
 
 /// A hit, and what shades it: what its corners have beside their places.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadedHit {
     /// Where it is.
     pub hit: Hit,
