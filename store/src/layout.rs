@@ -22,17 +22,15 @@ pub use superblock::{Section, Superblock};
 /// First bytes of a file. The line ends show a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"TREX\r\n\x1a\n";
 /// Version of the format; another one is refused.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 /// Required features that this build knows. A bit that is not known here refuses the file.
 pub const REQUIRED_FEATURES: u64 = FEATURE_LOWER | FEATURE_COLOURS | FEATURE_NORMALS;
 /// The file has pages of units, and the section that links them.
 pub const FEATURE_LOWER: u64 = 1;
 /// The file has pages of colours.
-pub const FEATURE_COLOURS: u64 = 8;
+pub const FEATURE_COLOURS: u64 = 2;
 /// The file has pages of normals.
-pub const FEATURE_NORMALS: u64 = 16;
-/// What files of this version had that were written before: pages of colours and of normals in another form.
-pub const FEATURES_BEFORE: u64 = 2 | 4;
+pub const FEATURE_NORMALS: u64 = 4;
 
 /// Bytes of a frame: the memory of one page, whatever its size on disk.
 pub const FRAME_BYTES: usize = 64 << 10;

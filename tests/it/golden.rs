@@ -13,7 +13,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 const INPUT: &str = include_str!("golden/model.obj");
 const MATERIALS: &str = include_str!("golden/model.mtl");
-const FILE: &[u8] = include_bytes!("golden/v6.page-file");
+const FILE: &[u8] = include_bytes!("golden/v7.page-file");
 /// What it was made with.
 const BUILD: &str = "build model.obj -o model.trex --voxels 64/256 --overwrite";
 

@@ -29,7 +29,7 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Version of both forms.
-const SHARDS_VERSION: u32 = 3;
+const SHARDS_VERSION: u32 = 2;
 /// Bytes of the head.
 pub(crate) const HEAD_BYTES: usize = 16;
 /// Bytes behind a record: where it is.

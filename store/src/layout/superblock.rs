@@ -156,7 +156,7 @@ impl Superblock {
                 .numbers(format!(
                     "version {version}, features {required:x}; this build knows {VERSION}, {REQUIRED_FEATURES:x}"
                 ))
-                .next(if version < VERSION || required & FEATURES_BEFORE != 0 {
+                .next(if version < VERSION {
                     NextStep::Rebuild
                 } else {
                     NextStep::OpenNewerOrRebuild
