@@ -22,7 +22,7 @@ mod volume;
 
 use crate::values::MemoryLimit;
 pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTradeoffArgs, BenchVerb};
-pub use build::{BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
+pub use build::{AttributeArgs, BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
 pub use demo::{DemoArgs, GenArgs, GeneratedColors};

@@ -31,7 +31,7 @@ pub use views::views;
 pub use write::write;
 
 use glam::DVec3;
-use paint::Painted;
+use paint::PaintedSource;
 use trex_store::{Result, TriangleSource};
 
 /// Most materials of a generated mesh: writers lease memory for so many.
@@ -64,7 +64,7 @@ pub fn open(spec: &Spec, options: &GenOptions) -> Result<Box<dyn TriangleSource>
     }?;
     assert!(source.materials().len() <= MATERIALS_MAX, "writers lease memory for fewer materials");
     Ok(match spec.colours {
-        Some(frequency) => Box::new(Painted::new(source, frequency, spec.seed)),
+        Some(frequency) => Box::new(PaintedSource::new(source, frequency, spec.seed)),
         None => source,
     })
 }

@@ -1,4 +1,5 @@
-//! `Painted`: a generated mesh whose corners have colours, waves over the place: what colours cost is measured on them.
+//! `PaintedSource`: a generated mesh whose corners have colours, waves over the place: what colours cost is measured on
+//! them.
 //!
 //! ```text
 //! channel = 128 + sum of waves, each of a length and along a direction of its own, + noise
@@ -114,25 +115,33 @@ impl Wave {
 }
 
 /// A source with colours.
-pub(crate) struct Painted {
+pub(crate) struct PaintedSource {
     inner: Box<dyn TriangleSource>,
     paint: Paint,
     hint: ScanHint,
 }
 
-impl Painted {
+impl PaintedSource {
     /// `inner`, a generator without attributes, in colours.
     ///
     /// # Panics
     /// When it does not know its bounds.
-    pub(crate) fn new(inner: Box<dyn TriangleSource>, frequency: ColourFrequency, seed: u64) -> Painted {
+    pub(crate) fn new(
+        inner: Box<dyn TriangleSource>,
+        frequency: ColourFrequency,
+        seed: u64,
+    ) -> PaintedSource {
         let hint = inner.hint().expect("generators know their bounds");
         let attributes = AttributeSet { colours: true, ..hint.attributes };
-        Painted { paint: Paint::new(frequency, &hint, seed), hint: ScanHint { attributes, ..hint }, inner }
+        PaintedSource {
+            paint: Paint::new(frequency, &hint, seed),
+            hint: ScanHint { attributes, ..hint },
+            inner,
+        }
     }
 }
 
-impl TriangleSource for Painted {
+impl TriangleSource for PaintedSource {
     fn name(&self) -> String {
         self.inner.name()
     }

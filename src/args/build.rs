@@ -13,8 +13,8 @@ use trex_store::verify::Level;
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
 pub struct BuildArgs {
-    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED and :colors=low or :colors=high; volumes: .nrrd, .nhdr, .mhd,
-    /// .mha or .raw, with --iso; several become one model
+    /// Meshes: .ply, .obj, .stl, .gltf or .glb files, or gen:KIND:COUNT, also with :SEED and
+    /// :colors=low or :colors=high; volumes: .nrrd, .nhdr, .mhd, .mha or .raw, with --iso; several become one model
     #[arg(value_name = "INPUT", required_unless_present_any = ["clean", "plan"], num_args = 1..,
           value_parser = OsStringValueParser::new().map(Input::from))]
     pub inputs: Vec<Input>,
@@ -47,9 +47,10 @@ pub struct AttributeArgs {
     /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = AttributeChoice::Keep)]
     colors: AttributeChoice,
-    /// What becomes of the normals of vertices, which shade the mesh as if it were smooth
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = AttributeChoice::Keep)]
-    normals: AttributeChoice,
+    /// What becomes of the normals of vertices, which shade the mesh as if it were smooth: `keep`, `drop`, or
+    /// `from-crease:DEG`, made of the planes at each place that differ by DEG degrees at most (0 to 180)
+    #[arg(long, value_name = "WHAT", value_parser = normal_choice, default_value = "keep")]
+    normals: NormalChoice,
 }
 
 impl AttributeArgs {
@@ -57,7 +58,15 @@ impl AttributeArgs {
     pub fn dropped(&self) -> AttributeSet {
         AttributeSet {
             colours: self.colors == AttributeChoice::Drop,
-            normals: self.normals == AttributeChoice::Drop,
+            normals: self.normals == NormalChoice::Drop,
+        }
+    }
+
+    /// Degrees up to which planes that meet are one smooth surface, where normals are made.
+    pub fn crease_deg(&self) -> Option<f64> {
+        match self.normals {
+            NormalChoice::FromCrease(degrees) => Some(degrees),
+            NormalChoice::Keep | NormalChoice::Drop => None,
         }
     }
 }
@@ -84,7 +93,27 @@ impl LatticeArgs {
     }
 }
 
-/// `--colors` and `--normals`.
+/// `--normals`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum NormalChoice {
+    Keep,
+    Drop,
+    /// Made from the mesh: planes that differ by so many degrees at most are one surface.
+    FromCrease(f64),
+}
+
+/// Parses `keep`, `drop` or `from-crease:DEG`.
+fn normal_choice(text: &str) -> Result<NormalChoice, String> {
+    let degrees = text.strip_prefix("from-crease:").and_then(|degrees| degrees.parse::<f64>().ok());
+    match (text, degrees) {
+        ("keep", _) => Ok(NormalChoice::Keep),
+        ("drop", _) => Ok(NormalChoice::Drop),
+        (_, Some(degrees)) if (0.0..=180.0).contains(&degrees) => Ok(NormalChoice::FromCrease(degrees)),
+        _ => Err("accepted are keep, drop and from-crease:DEG, an angle from 0 to 180 degrees".into()),
+    }
+}
+
+/// `--colors`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum AttributeChoice {
     /// In pages of their own

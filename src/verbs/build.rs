@@ -16,7 +16,10 @@ use trex_store::build::left_over::{self, LeftOver};
 use trex_store::build::{self, BuildOptions, BuildReport, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{AttributeSet, Error, PlainSource, Result, SourceStats, TriangleSource, stamp};
+use trex_store::{
+    AttributeSet, CreaseOptions, CreasedSource, Error, PlainSource, Result, SourceStats, TriangleSource,
+    stamp,
+};
 
 /// About how much work a kill may cost where nothing else is said: as the flag has it.
 pub const JOURNAL_EVERY: Duration = Duration::from_secs(3);
@@ -44,7 +47,7 @@ pub fn run(args: &BuildArgs, ctx: &Context) -> anyhow::Result<Exit> {
         }
     }
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let inputs = InputList::new(&args.inputs, &volumes, &args.attributes);
     let built = with_source(inputs, &work.scratch_folder(), ctx, |source| work.build(source, ctx));
     ctx.done(&built?)
 }
@@ -56,25 +59,45 @@ pub fn with_source<T>(
     ctx: &Context,
     build: impl FnOnce(&mut dyn TriangleSource) -> Result<T>,
 ) -> Result<T> {
-    let opened = inputs::open(inputs, scratch, build::smallest_bytes(), ctx);
-    let built = opened.and_then(|mut source| match inputs.dropped {
-        none if none == AttributeSet::default() => build(&mut *source),
-        dropped => build(&mut PlainSource { source, dropped }),
+    let opened = inputs::open(inputs, scratch, inputs.crease_bytes() + build::smallest_bytes(), ctx);
+    let opened = opened.map(|source| -> Box<dyn TriangleSource> {
+        match inputs.dropped {
+            none if none == AttributeSet::default() => source,
+            dropped => Box::new(PlainSource { source, dropped }),
+        }
     });
+    let made = opened.and_then(|source| match inputs.crease_deg {
+        Some(degrees) => with_normals(source, degrees, scratch, ctx),
+        None => Ok(source),
+    });
+    let built = made.and_then(|mut source| build(&mut *source));
     built.map_err(|error| inputs::with_smallest_limit(error, inputs, scratch, ctx))
+}
+
+/// A source whose normals are made of its mesh.
+fn with_normals(
+    source: Box<dyn TriangleSource>,
+    angle_deg: f64,
+    folder: &Path,
+    ctx: &Context,
+) -> Result<Box<dyn TriangleSource>> {
+    let options = CreaseOptions {
+        angle_deg,
+        folder,
+        budget: &ctx.budget,
+        interrupt: &ctx.interrupt,
+        report: &ctx.report(),
+    };
+    Ok(Box::new(CreasedSource::new(source, &options)?))
 }
 
 /// What the build does so that it can resume.
 pub fn resume(args: &BuildArgs) -> Result<Option<Resume>> {
     let every = Duration::from_secs_f64(args.resume.journal_every.0.min(JOURNAL_EVERY_MOST_S));
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let inputs = InputList::new(&args.inputs, &volumes, &args.attributes);
     let mut resume = Resume { every, ..resume_of(inputs)? };
-    for (name, is_dropped) in [("colours", inputs.dropped.colours), ("normals", inputs.dropped.normals)] {
-        if is_dropped {
-            resume.input.push((name.to_owned(), "dropped".to_owned()));
-        }
-    }
+    resume.input.extend(inputs.attribute_facts());
     Ok((!args.resume.no_resume).then_some(resume))
 }
 

@@ -1,5 +1,6 @@
 //! Inputs of `build` and `info`: files and generators, opened as one stream of triangles.
 
+use crate::args::AttributeArgs;
 use crate::context::Context;
 use crate::size;
 use crate::values::Input;
@@ -7,7 +8,9 @@ use datasets_gen::{GenOptions, Spec};
 use std::path::Path;
 use trex_store::build::{self, InputSizes};
 use trex_store::import::{self, Format, ImportOptions, MaterialNaming, TextureUse, VolumeOptions};
-use trex_store::{AttributeSet, Budget, Chain, Code, Error, NextStep, RESERVE_BYTES, Result, TriangleSource};
+use trex_store::{
+    AttributeSet, Budget, Chain, Code, CreasedSource, Error, NextStep, RESERVE_BYTES, Result, TriangleSource,
+};
 
 /// Bytes of the vertex caches of inputs that are only counted.
 const COUNTING_CACHE_BYTES: u64 = 1 << 20;
@@ -21,9 +24,35 @@ pub struct InputList<'a> {
     pub volumes: &'a VolumeOptions,
     /// What corners lose.
     pub dropped: AttributeSet,
+    /// Degrees up to which planes that meet are one smooth surface, where normals are made of the mesh.
+    pub crease_deg: Option<f64>,
 }
 
-impl InputList<'_> {
+impl<'a> InputList<'a> {
+    /// Inputs of which all is kept.
+    pub fn whole(inputs: &'a [Input], volumes: &'a VolumeOptions) -> InputList<'a> {
+        InputList { inputs, volumes, dropped: AttributeSet::default(), crease_deg: None }
+    }
+
+    /// Inputs of which as much is kept as is asked for.
+    pub fn new(inputs: &'a [Input], volumes: &'a VolumeOptions, attributes: &AttributeArgs) -> InputList<'a> {
+        let (dropped, crease_deg) = (attributes.dropped(), attributes.crease_deg());
+        InputList { inputs, volumes, dropped, crease_deg }
+    }
+
+    /// What becomes of the attributes of corners, as facts of the input.
+    pub fn attribute_facts(&self) -> impl Iterator<Item = (String, String)> {
+        let dropped = [("colours", self.dropped.colours), ("normals", self.dropped.normals)];
+        let dropped = dropped.into_iter().filter(|(_, is)| *is).map(|(name, _)| (name, "dropped".to_owned()));
+        let creased = self.crease_deg.map(|degrees| ("normals", format!("from creases of {degrees}")));
+        dropped.chain(creased).map(|(name, value)| (name.to_owned(), value))
+    }
+
+    /// Memory of making normals.
+    pub fn crease_bytes(&self) -> u64 {
+        self.crease_deg.map_or(0, |_| CreasedSource::smallest_bytes())
+    }
+
     /// Refuses what is said of volumes where there are none.
     ///
     /// # Errors
@@ -92,7 +121,7 @@ fn open_all(
     ctx: &Context,
 ) -> Result<Box<dyn TriangleSource>> {
     let ReadOptions { budget, caches_bytes, naming } = *reading;
-    let InputList { inputs, volumes, dropped } = inputs;
+    let InputList { inputs, volumes, dropped, .. } = inputs;
     let open_one = |input: &Input| match input {
         Input::Generated(text) => generate_in(&Spec::parse(text)?, budget, ctx),
         Input::File(path) => {
@@ -157,8 +186,8 @@ fn smallest_limit(inputs: InputList<'_>, temp_dir: &Path, ctx: &Context) -> Resu
     let joined_bytes = if inputs.inputs.len() > 1 { sizes.name_bytes } else { 0 };
     let read_bytes =
         ledger.peak_bytes().saturating_sub(vertex_bytes.min(COUNTING_CACHE_BYTES)) + joined_bytes;
-    let needed = read_bytes + build::smallest_bytes_for(&sizes);
-    let least = opened_bytes + build::smallest_bytes();
+    let needed = read_bytes + inputs.crease_bytes() + build::smallest_bytes_for(&sizes);
+    let least = opened_bytes + inputs.crease_bytes() + build::smallest_bytes();
     let smallest = if needed <= least {
         least
     } else {

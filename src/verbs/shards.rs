@@ -20,7 +20,7 @@ use trex_store::build::{self, ExistingOutput, Plan, Precision, Resume, Voxels};
 use trex_store::import::VolumeOptions;
 use trex_store::output::check_apart;
 use trex_store::printable::one_line;
-use trex_store::{AttributeSet, Code, Error, Result, content_stamp};
+use trex_store::{Code, Error, Result, content_stamp};
 
 /// Memory that the tables of a plan take at most, over their length: while they are read, and what is kept of them.
 const PLAN_COPIES: u64 = 8;
@@ -37,7 +37,7 @@ pub fn scan(args: &ScanArgs, ctx: &Context) -> anyhow::Result<Exit> {
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let inputs = InputList::new(&args.inputs, &volumes, &args.attributes);
     let facts = facts(inputs)?;
     let options = work.options(ctx)?;
     let scanned = with_source(inputs, &work.scratch_folder(), ctx, |source| {
@@ -67,11 +67,11 @@ pub fn shard(
     };
     check_inputs_apart(&args.output, &args.inputs)?;
     let volumes = args.volumes.options();
-    let inputs = InputList { inputs: &args.inputs, volumes: &volumes, dropped: args.attributes.dropped() };
+    let inputs = InputList::new(&args.inputs, &volumes, &args.attributes);
     let scratch = work.scratch_folder();
     let has_inputs = !args.inputs.is_empty();
     if !has_inputs
-        && (inputs.dropped != AttributeSet::default() || *inputs.volumes != VolumeOptions::default())
+        && (inputs.attribute_facts().next().is_some() || *inputs.volumes != VolumeOptions::default())
     {
         return Err(Error::new(Code::Usage, "what is said of how inputs are read is said of none")
             .at(plan_path)
@@ -160,9 +160,7 @@ fn facts(list: InputList<'_>) -> Result<Vec<(String, String)>> {
     if !list.volumes.iso_values.is_empty() {
         facts.push(("volumes".to_owned(), format!("{:?}", list.volumes)));
     }
-    for (what, is_dropped) in [("colours", list.dropped.colours), ("normals", list.dropped.normals)] {
-        facts.extend(is_dropped.then(|| (what.to_owned(), "dropped".to_owned())));
-    }
+    facts.extend(list.attribute_facts());
     Ok(facts)
 }
 

@@ -23,7 +23,7 @@ use trex_store::build::{self, ExistingOutput, Precision, Voxels};
 use trex_store::import::{ByteOrder, Format, RawVolume, VolumeOptions};
 use trex_store::output::{check_apart, draft};
 use trex_store::printable::one_line;
-use trex_store::{AttributeSet, Code, Error, PageFile, Result, is_url};
+use trex_store::{Code, Error, PageFile, Result, is_url};
 
 /// Endings of files that are built first.
 const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
@@ -55,7 +55,7 @@ impl ShownInput {
                 .next(format!("trex view {} --iso VALUE", args.file.display())));
         }
         let inputs = Vec::from_iter(mesh_input(&args.file));
-        let list = InputList { inputs: &inputs, volumes: &volumes, dropped: AttributeSet::default() };
+        let list = InputList::whole(&inputs, &volumes);
         list.check()?;
         let file = match &args.output {
             Some(output) if inputs.is_empty() => {
@@ -87,8 +87,7 @@ impl ShownInput {
     /// [`Code::Io`] where the folder cannot be written; those of the build.
     pub fn ready(&self, args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
         if self.needs_build() {
-            let list =
-                InputList { inputs: &self.inputs, volumes: &self.volumes, dropped: AttributeSet::default() };
+            let list = InputList::whole(&self.inputs, &self.volumes);
             build_first(list, &self.file, args.output.is_none() || self.is_ours.get(), args, ctx)?;
             self.is_ours.set(true);
             self.is_outdated.set(false);
@@ -230,7 +229,7 @@ mod tests {
         ] {
             let found = mesh_input(Path::new(file)).map(|input| {
                 let volumes = VolumeOptions::default();
-                beside(InputList { inputs: &[input], volumes: &volumes, dropped: AttributeSet::default() })
+                beside(InputList::whole(&[input], &volumes))
             });
             assert_eq!(found.as_deref(), expected.map(Path::new), "{file}");
         }
@@ -242,8 +241,7 @@ mod tests {
             spacing: [1.0, 1.0, 0.5],
         };
         let volumes = VolumeOptions { iso_values: vec![60.0, -1.5], raw: Some(raw) };
-        let found =
-            beside(InputList { inputs: &inputs, volumes: &volumes, dropped: AttributeSet::default() });
+        let found = beside(InputList::whole(&inputs, &volumes));
         assert_eq!(found, Path::new("a/head.raw.4x5x6-uint16be-1-1-0.5.iso-60--1.5.trex"));
     }
 }

@@ -54,7 +54,7 @@ pub(crate) struct Model<'a> {
 pub(crate) fn read(bytes: &[u8]) -> Model<'_> {
     let head = &bytes[..1024];
     assert_eq!(&head[..8], b"TREX\r\n\x1a\n");
-    assert_eq!(number_at(head, 8, 4), 6);
+    assert_eq!(number_at(head, 8, 4), 7);
     assert_eq!(head, &bytes[bytes.len() - 1024..]);
     assert_eq!(number_at(head, 1016, 8), xxh3_64(&head[..1016]));
     assert_eq!(number_at(head, 32, 8), bytes.len() as u64);

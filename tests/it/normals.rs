@@ -199,8 +199,13 @@ const SIDE: u32 = 96;
 
 /// Radiance of the pixels within nine tenths of a sphere's outline, which a sun lights from one side.
 fn lit_sphere(inside: &Path, name: &str, text: &str) -> Vec<f64> {
+    lit_by(inside, (name, text), "")
+}
+
+/// The same, of a build with flags.
+fn lit_by(inside: &Path, (name, text): (&str, &str), flags: &str) -> Vec<f64> {
     std::fs::write(inside.join(format!("{name}.obj")), text).unwrap();
-    document_in(inside, &format!("build {name}.obj -o {name}.trex --no-asvo"));
+    document_in(inside, &format!("build {name}.obj -o {name}.trex --no-asvo {flags}"));
     let scene = format!(
         "model = '{name}.trex'\n[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\nfov_y = 30\n\
          [[light]]\ntype = 'directional'\ndirection = [-1, -0.4, -0.15]\nirradiance = [4, 4, 4]\n\
@@ -240,5 +245,34 @@ fn a_coarse_sphere_with_normals_is_lit_as_a_fine_one() {
     for (smooth, fine) in smooth.iter().zip(&fine) {
         assert!(*smooth > 0.7 * fine || *fine < 0.25 * brightest, "{smooth}, not {fine}");
         assert!(*smooth < fine + 0.05 * brightest, "{smooth}, not {fine}");
+    }
+}
+
+/// Normals that are made of the mesh light a coarse sphere as those that it comes with; a box keeps its edges.
+#[test]
+fn normals_are_made_of_the_mesh_up_to_an_angle() {
+    let inside = folder();
+    let lit = |name: &str, text: &str, flags: &str| lit_by(inside.path(), (name, text), flags);
+    let given = lit("given", &sphere(3, true), "");
+    let made = lit("made", &sphere(3, false), "--normals from-crease:60");
+    let flat = lit("flat", &sphere(3, true), "--normals drop");
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>();
+    let (near, far) = (apart(&made, &given), apart(&flat, &given));
+    assert!(near < 0.1 * far && far > 0.0, "{near} {far}");
+    assert_eq!(lit("sharp", &sphere(3, false), "--normals from-crease:0"), flat);
+
+    let normals = |line: &str| {
+        let built = document_in(inside.path(), &format!("build {line} -o c.trex --no-asvo --overwrite"));
+        assert!(built["triangle_count"].as_u64().unwrap() > 0);
+        let told = document_in(inside.path(), "info c.trex");
+        told["normal_page_count"].as_u64().unwrap()
+    };
+    assert!(normals("made.obj --normals from-crease:60") > 0);
+    assert_eq!(normals("made.obj --normals from-crease:0"), 0, "no faces lie in one plane");
+    assert!(normals("gen:scan:20k:1:colors=low --normals from-crease:40 --memory-limit 256MiB") > 0);
+    for wrong in
+        ["from-crease", "from-crease:", "from-crease:-1", "from-crease:181", "from-crease:NaN", "smooth"]
+    {
+        run_in(inside.path(), &format!("build made.obj -o d.trex --normals {wrong}")).expect(2);
     }
 }
