@@ -9,10 +9,10 @@ use crate::spool::TriangleSpool;
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 
-type Corners = [[f64; 3]; 3];
+type ThreePlaces = [[f64; 3]; 3];
 
 /// The normals of triangles that come from a spool.
-fn creased(triangles: &[Corners], angle_deg: f64) -> Vec<[Normal; 3]> {
+fn creased(triangles: &[ThreePlaces], angle_deg: f64) -> Vec<[Normal; 3]> {
     let (folder, budget) = (tempfile::tempdir().unwrap(), Budget::new(128 << 20));
     let mut spool = TriangleSpool::create(folder.path(), "a list", &budget).unwrap();
     triangles.iter().for_each(|&corners| spool.push(corners, 0).unwrap());
@@ -42,14 +42,14 @@ fn creased(triangles: &[Corners], angle_deg: f64) -> Vec<[Normal; 3]> {
 }
 
 /// The plane's normal, as a vector of unit length.
-fn plane([a, b, c]: &Corners) -> DVec3 {
+fn plane([a, b, c]: &ThreePlaces) -> DVec3 {
     let [a, b, c] = [a, b, c].map(|v| DVec3::from(*v));
     (b - a).cross(c - a).normalize_or_zero()
 }
 
 /// By all pairs of corners. An angle by its tangent, a crease by the angle itself.
-fn oracle(triangles: &[Corners], angle_deg: f64) -> Vec<[Option<DVec3>; 3]> {
-    let of = |triangle: &Corners, at: usize| {
+fn oracle(triangles: &[ThreePlaces], angle_deg: f64) -> Vec<[Option<DVec3>; 3]> {
+    let of = |triangle: &ThreePlaces, at: usize| {
         let sum: DVec3 = triangles
             .iter()
             .flat_map(|other| (0..3).map(move |corner| (other, corner)))
@@ -67,7 +67,7 @@ fn oracle(triangles: &[Corners], angle_deg: f64) -> Vec<[Option<DVec3>; 3]> {
 }
 
 #[track_caller]
-fn check(triangles: &[Corners], angle_deg: f64) {
+fn check(triangles: &[ThreePlaces], angle_deg: f64) {
     let found = creased(triangles, angle_deg);
     for ((triangle, found), expected) in triangles.iter().zip(&found).zip(oracle(triangles, angle_deg)) {
         for (found, expected) in found.iter().zip(expected) {
@@ -80,7 +80,7 @@ fn check(triangles: &[Corners], angle_deg: f64) {
 }
 
 /// The faces of a cube of side 2 about the origin.
-fn cube() -> Vec<Corners> {
+fn cube() -> Vec<ThreePlaces> {
     let mut all = Vec::new();
     for (axis, side) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
         let at = |u: f64, v: f64| {
@@ -124,7 +124,7 @@ proptest! {
     ) {
         // A rough sheet: places are shared, planes are not.
         let at = |x: usize, y: usize| [x as f64, y as f64, 0.4 * f64::from(heights[6 * y + x])];
-        let mut triangles: Vec<Corners> = (0..25)
+        let mut triangles: Vec<ThreePlaces> = (0..25)
             .flat_map(|cell| {
                 let (x, y) = (cell % 5, cell / 5);
                 [[at(x, y), at(x + 1, y), at(x + 1, y + 1)], [at(x, y), at(x + 1, y + 1), at(x, y + 1)]]
