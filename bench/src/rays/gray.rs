@@ -115,9 +115,7 @@ impl GrayWorker {
             }
         }
     }
-}
 
-impl GrayWorker {
     /// As `answer`, through units.
     fn answer_finest(
         &mut self,

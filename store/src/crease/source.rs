@@ -158,15 +158,15 @@ fn read_corners(
             }
             count += 1;
         }
-        tell(options, "normals", count, 0);
+        tell(options, count, 0);
     }
     corners.finish()?;
     Ok(count)
 }
 
-fn tell(options: &CreaseOptions<'_>, phase: &'static str, done: u64, total: u64) {
+fn tell(options: &CreaseOptions<'_>, done: u64, total: u64) {
     let memory_bytes = options.budget.used_bytes();
-    (options.report)(Progress { phase, done, total, unit: "triangles", memory_bytes });
+    (options.report)(Progress { phase: "normals", done, total, unit: "triangles", memory_bytes });
 }
 
 /// The corners of triangle `number`; `None` where it has no plane.
@@ -220,7 +220,7 @@ fn make_normals(
             }
         }
         done += count as u64;
-        tell(options, "normals", done / 3, corner_count / 3);
+        tell(options, done / 3, corner_count / 3);
     }
     Ok(flat_fan_count)
 }
