@@ -93,6 +93,8 @@ part() {
     colours)
         for model in isosurface pipes scan; do
             built $model-100m-colours.trex gen:$model:100M:1:colors=high
+            record info-$model-100m info $model-100m.trex
+            record info-$model-100m-colours info $model-100m-colours.trex
             stress colours-$model-without 128 $model-100m.trex --scenario teleport --switches 100
             stress colours-$model-with 128 $model-100m-colours.trex --scenario teleport --switches 100
         done
