@@ -29,8 +29,6 @@ pub(super) struct Slot {
     /// Where it begins in `staging`, once it has arrived.
     pub(super) start: usize,
     pub(super) parts: Vec<Part>,
-    /// How many of them are done.
-    pub(super) done: usize,
     /// Nobody waits for any of them.
     pub(super) is_ahead: bool,
 }
@@ -39,49 +37,62 @@ impl Slot {
     pub(super) fn new(id: u32, bytes: usize) -> Result<Slot> {
         let staging = Some(StagingBuffer::new(bytes)?);
         let parts = Vec::with_capacity(PARTS_MAX);
-        Ok(Slot { id, staging, offset: 0, start: 0, parts, done: 0, is_ahead: false })
+        Ok(Slot { id, staging, offset: 0, start: 0, parts, is_ahead: false })
     }
 }
 
-/// Slots that have arrived and wait for a decoder. Those that somebody waits for come first; of the others at most so
-/// many are given out at a time: decoders that do not wait for a page to end, and processors for who waits.
+/// Slots that have arrived and wait for a decoder: those that somebody waits for, and the others, which have a decoder of
+/// their own.
+#[derive(Default)]
 pub(super) struct JobQueue {
-    state: Mutex<JobState>,
-    ready: Condvar,
-    ahead_most: usize,
+    demand: JobLine,
+    ahead: JobLine,
 }
 
 #[derive(Default)]
-struct JobState {
+struct JobLine {
+    state: Mutex<LineState>,
+    ready: Condvar,
+}
+
+#[derive(Default)]
+struct LineState {
     slots: VecDeque<Slot>,
-    ahead: VecDeque<Slot>,
-    /// Slots of `ahead` that decoders have.
-    ahead_out: usize,
     sleepers: usize,
     stop: bool,
 }
 
 impl JobQueue {
-    /// For so many decoders.
-    pub(super) fn new(decoders: usize) -> JobQueue {
-        JobQueue { state: Mutex::default(), ready: Condvar::new(), ahead_most: (decoders / 2).max(1) }
-    }
-
     /// A slot that has arrived.
     pub(super) fn push(&self, slot: Slot) {
+        self.line(slot.is_ahead).push(slot);
+    }
+
+    /// The next slot that somebody waits for, or that nobody does; `None` once stopped.
+    pub(super) fn pop(&self, is_ahead: bool) -> Option<Slot> {
+        self.line(is_ahead).pop()
+    }
+
+    pub(super) fn stop(&self) {
+        self.demand.stop();
+        self.ahead.stop();
+    }
+
+    fn line(&self, is_ahead: bool) -> &JobLine {
+        if is_ahead { &self.ahead } else { &self.demand }
+    }
+}
+
+impl JobLine {
+    fn push(&self, slot: Slot) {
         let mut state = lock_always(&self.state);
-        if slot.is_ahead {
-            state.ahead.push_back(slot)
-        } else {
-            state.slots.push_back(slot)
-        }
+        state.slots.push_back(slot);
         if state.sleepers > 0 {
             self.ready.notify_one();
         }
     }
 
-    /// The next slot; `None` once stopped.
-    pub(super) fn pop(&self) -> Option<Slot> {
+    fn pop(&self) -> Option<Slot> {
         let mut state = lock_always(&self.state);
         loop {
             if state.stop {
@@ -90,32 +101,13 @@ impl JobQueue {
             if let Some(slot) = state.slots.pop_front() {
                 return Some(slot);
             }
-            if state.ahead_out < self.ahead_most
-                && let Some(slot) = state.ahead.pop_front()
-            {
-                state.ahead_out += 1;
-                return Some(slot);
-            }
             state.sleepers += 1;
             state = self.ready.wait(state).unwrap_or_else(PoisonError::into_inner);
             state.sleepers -= 1;
         }
     }
 
-    /// Whether a decoder leaves a slot that nobody waits for: somebody waits for another.
-    pub(super) fn is_urgent(&self) -> bool {
-        !lock_always(&self.state).slots.is_empty()
-    }
-
-    /// A decoder has no more to do with a slot that nobody waits for; it comes back where it is not done. Who says so
-    /// asks for the next one.
-    pub(super) fn end_ahead(&self, unfinished: Option<Slot>) {
-        let mut state = lock_always(&self.state);
-        state.ahead_out -= 1;
-        state.ahead.extend(unfinished);
-    }
-
-    pub(super) fn stop(&self) {
+    fn stop(&self) {
         lock_always(&self.state).stop = true;
         self.ready.notify_all();
     }

@@ -144,22 +144,19 @@ fn loom_an_arrival_wakes_all() {
     });
 }
 
-/// Two decoders, of which one at a time may have a slot that nobody waits for; two of these, and one that somebody
-/// waits for; the end.
+/// A decoder of slots that somebody waits for, and one of the others; two of these, one of those; the end.
 #[test]
 fn loom_each_slot_comes_to_one_decoder() {
     loom::model(|| {
-        let queue = Arc::new(JobQueue::new(2));
+        let queue = Arc::new(JobQueue::default());
         let taken = Arc::new(AtomicU64::new(0));
-        let decoders = [0, 1].map(|_| {
+        let decoders = [false, true].map(|is_ahead| {
             let (queue, taken) = (Arc::clone(&queue), Arc::clone(&taken));
             thread::spawn(move || {
                 let mut ids = Vec::new();
-                while let Some(slot) = queue.pop() {
+                while let Some(slot) = queue.pop(is_ahead) {
+                    assert_eq!(slot.is_ahead, is_ahead);
                     ids.push(slot.id);
-                    if slot.is_ahead {
-                        queue.end_ahead(None);
-                    }
                     if taken.fetch_add(1, Ordering::AcqRel) == 2 {
                         queue.stop();
                     }

@@ -143,8 +143,8 @@ impl PoolPlan {
             + frames_max as u64 * Clock::BYTES_PER_FRAME
             + options.queue_capacity as u64 * Requests::BYTES_PER_WANT
             + options.io.connections as u64 * CONNECTION_BYTES
-            // What a decoder may keep as scratch.
-            + (options.decode_threads * frame_bytes) as u64;
+            // What a decoder may keep as scratch, that of pages read ahead, too.
+            + ((options.decode_threads + 1) * frame_bytes) as u64;
         Ok(PoolPlan { frames_max, frames_most, slot_bytes, overhead_bytes })
     }
 }

@@ -131,7 +131,7 @@ impl PagePool {
             requests: Mutex::new(Requests::new(options.queue_capacity)),
             clock: Mutex::new(clock),
             idle: Mutex::new(slots?),
-            jobs: JobQueue::new(options.decode_threads),
+            jobs: JobQueue::default(),
             bell: Bell::default(),
             progress: ArrivalCount::default(),
             damage: Mutex::new(Vec::new()),
@@ -192,8 +192,10 @@ impl PagePool {
         spawn("trex-load-0".into(), Box::new(io))?;
         for index in 1..=options.decode_threads {
             let shared = Arc::clone(&self.shared);
-            spawn(format!("trex-load-{index}"), Box::new(move || shared.guard(|| shared.decode())))?;
+            spawn(format!("trex-load-{index}"), Box::new(move || shared.guard(|| shared.decode(false))))?;
         }
+        let shared = Arc::clone(&self.shared);
+        spawn("trex-load-ahead".into(), Box::new(move || shared.guard(|| shared.decode(true))))?;
         Ok(())
     }
 
