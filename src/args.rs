@@ -21,7 +21,9 @@ mod view;
 mod volume;
 
 use crate::values::MemoryLimit;
-pub use bench::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchTradeoffArgs, BenchVerb};
+pub use bench::{
+    BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchScaleArgs, BenchTradeoffArgs, BenchVerb,
+};
 pub use build::{AttributeArgs, BuildArgs, InfoArgs, VerifyArgs, VoxelArgs};
 use clap::{CommandFactory, Parser, Subcommand};
 pub use common::{CommonArgs, DiskArgs, Kind, OverwriteArgs, ScratchArgs};
@@ -118,6 +120,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(_) }) => "bench-io",
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(_) }) => "bench-build",
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(_) }) => "bench-tradeoff",
+            Verb::Bench(BenchArgs { verb: BenchVerb::Scale(_) }) => "bench-scale",
             Verb::Doctor(_) => "doctor",
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(_) }) => "image-diff",
             Verb::Image(ImageArgs { verb: ImageVerb::Merge(_) }) => "image-merge",
@@ -142,6 +145,7 @@ impl Verb {
             Verb::Bench(BenchArgs { verb: BenchVerb::Io(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Build(args) }) => &args.common,
             Verb::Bench(BenchArgs { verb: BenchVerb::Tradeoff(args) }) => &args.common,
+            Verb::Bench(BenchArgs { verb: BenchVerb::Scale(args) }) => &args.common,
             Verb::Doctor(args) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Diff(args) }) => &args.common,
             Verb::Image(ImageArgs { verb: ImageVerb::Merge(args) }) => &args.common,

@@ -3,17 +3,21 @@
 //! ```text
 //! trex VERB --json -> record::Record -> bench/record/NAME.jsonl -> docs -> figures of README.md and docs/
 //!   ^ rays, building: workloads on a model, some beside a peer of `peers`
+//!   ^ estimates: medians of the criterion benches, which have a package of their own
 //!   ^ page_io: pages at random, through each backend
 //!   ^ smooth: what a viewer shows of few samples, to be judged beside another filter
 //!   ^ stress: a session under views and limits that change
 //!   ^ tradeoff: pictures for each turn of each knob, their cost and their error
+//!   ^ scale: models of rising size, from their build to their rays, and the exponents of what they cost
 //! ```
 //!
 //! Invariant: a figure in the documentation comes from a record, and a record says how to get it again.
 
 pub mod building;
+mod campaign;
 mod channels;
 pub mod docs;
+pub mod estimates;
 mod full_pool;
 pub mod machine;
 pub mod median;
@@ -23,6 +27,7 @@ mod peers;
 mod plot;
 pub mod rays;
 pub mod record;
+pub mod scale;
 pub mod smooth;
 pub mod stress;
 pub mod tradeoff;

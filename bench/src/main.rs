@@ -15,6 +15,7 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trex_bench::docs;
+use trex_bench::estimates;
 use trex_bench::machine::Machine;
 use trex_bench::record::{self, Labels, Record};
 
@@ -39,6 +40,14 @@ enum Verb {
     Build(workload::BuildArgs),
     /// What a viewer shows of a picture of few samples, and the time of its filter
     Smooth(workload::SmoothArgs),
+    /// Medians of the criterion benches of a model, as they were measured last
+    Estimates {
+        /// Where criterion keeps them
+        #[arg(long, value_name = "DIR", default_value = "target/criterion")]
+        folder: PathBuf,
+        /// The model, by its name in the benches
+        model: String,
+    },
     /// Rewrite the figures of README.md and docs/ from the records
     Docs {
         /// Write nothing; exit 1 if a file would change
@@ -75,6 +84,11 @@ fn main() -> anyhow::Result<ExitCode> {
         Verb::Io(args) => workload::io(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Smooth(args) => workload::smooth(&args, &command_line()).map(|()| ExitCode::SUCCESS),
+        Verb::Estimates { folder, model } => {
+            let estimates = estimates::read(&root.join(folder), &model)?;
+            writeln!(io::stdout().lock(), "{}", serde_json::to_string(&estimates)?)?;
+            Ok(ExitCode::SUCCESS)
+        }
         Verb::Docs { check: true } => check_docs(&root),
         Verb::Docs { check: false } => write_docs(&root),
         Verb::Record { name, command, scene, seed, machine, document } => {

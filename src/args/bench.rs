@@ -1,7 +1,7 @@
 //! The command line of `trex bench`.
 
 use super::{CommonArgs, DeviceArgs, DiskArgs, ScratchArgs, keys};
-use crate::values::{self, Resolution};
+use crate::values::{self, Bytes, Resolution};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -25,6 +25,8 @@ pub enum BenchVerb {
     Build(BenchBuildArgs),
     /// Error of pictures against their time and memory, for each turn of each knob
     Tradeoff(BenchTradeoffArgs),
+    /// Build, disk, memory, pictures and rays of models of rising size, and how each grows
+    Scale(BenchScaleArgs),
 }
 
 /// `trex bench rays`
@@ -147,3 +149,40 @@ Examples:
   trex bench tradeoff ship.trex -o ship-tradeoff
   trex bench tradeoff gen:pipes:5M -o plant --knobs quality,spp,photons,grid-bits --rounds 3
   trex bench tradeoff room.toml -o room --reference-spp 4096 --json > room.json";
+
+/// `trex bench scale`
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_BENCH_SCALE)]
+pub struct BenchScaleArgs {
+    /// Page files, or what is built first: mesh files and generated meshes (gen:pipes:5M)
+    #[arg(value_name = "FILE", required = true)]
+    pub models: Vec<String>,
+    /// The folder of what is built, measured and drawn; a run that was stopped goes on in it
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Memory limit of the views that jump and of the start; builds and rays have --memory-limit
+    #[arg(long, value_name = "LIMIT", default_value = "256MiB", value_parser = values::render_limit)]
+    pub views_limit: Bytes,
+    /// Size of the views that jump, pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::resolution)]
+    pub resolution: Resolution,
+    /// Views that jump, a model
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub switches: u32,
+    /// Runs of each build and each start; times are their medians
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub rounds: u16,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+const AFTER_BENCH_SCALE: &str = "\
+Each step is a process of its own. What is built is removed before the next model is built. An exponent of 1 says that \
+a cost grows as the triangles do, 0 that it stays.
+
+FOLDER gets scale.svg. More models may be named the next time.
+
+Examples:
+  trex bench scale gen:isosurface:1M gen:isosurface:10M gen:isosurface:100M -o scale
+  trex bench scale hull.ply ship.ply fleet.ply -o ships --views-limit 512MiB --rounds 3
+  trex bench scale a.trex b.trex -o files --json > files.json";

@@ -1,7 +1,7 @@
-//! `trex bench rays`, `io`, `build` and `tradeoff`: the workloads of `trex-bench` without its peers.
+//! `trex bench rays`, `io`, `build`, `tradeoff` and `scale`: the workloads of `trex-bench` without its peers.
 
 use super::stage::io_options;
-use super::tradeoff;
+use super::{scale, tradeoff};
 use crate::args::{BenchArgs, BenchBuildArgs, BenchIoArgs, BenchRaysArgs, BenchVerb};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -25,6 +25,7 @@ pub fn run(args: &BenchArgs, ctx: &Context) -> anyhow::Result<Exit> {
         BenchVerb::Io(args) => run_io(args, ctx),
         BenchVerb::Build(args) => run_build(args, ctx),
         BenchVerb::Tradeoff(args) => tradeoff::run(args, ctx),
+        BenchVerb::Scale(args) => scale::run(args, ctx),
     }
 }
 

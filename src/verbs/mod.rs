@@ -24,6 +24,7 @@ mod references;
 mod render;
 mod render_part;
 mod render_report;
+mod scale;
 mod shards;
 mod show;
 mod shown_file;

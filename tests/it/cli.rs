@@ -54,6 +54,7 @@ fn paragraphs_of_the_help_fill_their_lines() {
         "bench rays",
         "bench io",
         "bench tradeoff",
+        "bench scale",
         "image diff",
         "image merge",
     ];

@@ -21,7 +21,7 @@ const NOT_RUN: &str = "<!-- not run:";
 /// Triangles of models, where a page says millions.
 const TRIANGLES: &str = "20k";
 /// Flags that make a command quick, by its verb; no time is required of a machine that does other things, too.
-const QUICK: [(&str, &str); 6] = [
+const QUICK: [(&str, &str); 7] = [
     // No page writes its size, and its own takes 12 s of processor time.
     ("demo", "--triangles 20k --spp 1 --resolution 256x256"),
     ("render", "--spp 1 --photons 20k"),
@@ -29,6 +29,7 @@ const QUICK: [(&str, &str); 6] = [
     ("bench rays", "--rounds 1 --resolution 64x64"),
     ("bench io", "--rounds 1"),
     ("bench tradeoff", "--knobs quality --resolution 32x32 --reference-spp 2"),
+    ("bench scale", "--switches 2 --resolution 96x72"),
 ];
 
 /// The commands of a page, as they are written.

@@ -62,6 +62,7 @@ mod random;
 mod rays;
 mod real_models;
 mod resume;
+mod scale;
 mod sections;
 mod sections_seen;
 mod shards;

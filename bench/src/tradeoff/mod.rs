@@ -9,24 +9,23 @@
 //! References are the mean of two pictures by `path` whose noise differs: how much they differ tells the noise that is
 //! left in their mean, below which no error says anything.
 
-mod campaign;
 mod figures;
 mod front;
 mod knobs;
 mod regions;
 
+use crate::campaign::{Campaign, Input, refusal};
 use crate::median::median;
-use campaign::{Campaign, Subject, refusal};
 use datasets_gen::{Spec, views};
 pub use figures::{Measurement, PointFigures, Summary, TradeoffFigures};
 pub use knobs::names;
 use knobs::{KNOBS, Point};
 use regions::ReferencePicture;
 pub use regions::RegionError;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::time::UNIX_EPOCH;
+use std::path::PathBuf;
 use trex_store::{Budget, Code, Error, Interrupt};
 
 /// Samples of the picture of direct light that regions are found by.
@@ -66,6 +65,17 @@ pub struct Around<'a> {
     pub tell: &'a dyn Fn(u64, u64),
 }
 
+/// What a campaign is of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Subject {
+    version: String,
+    input: Input,
+    resolution: [u32; 2],
+    reference_spp: u32,
+    rounds: usize,
+    memory_limit_bytes: u64,
+}
+
 /// What points are rendered of.
 struct PointSubject<'a> {
     options: &'a TradeoffOptions,
@@ -85,9 +95,16 @@ struct PointSubject<'a> {
 pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<TradeoffFigures> {
     let lease = around.budget.lease("pictures to be compared", regions::bytes(options.resolution))?;
     let limit_bytes = around.budget.limit_bytes() - around.budget.used_bytes() - trex_store::RESERVE_BYTES;
-    let subject = subject(options, limit_bytes)?;
+    let subject = Subject {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        input: Input::named(&options.input)?,
+        resolution: options.resolution,
+        reference_spp: options.reference_spp,
+        rounds: options.rounds,
+        memory_limit_bytes: limit_bytes,
+    };
     let mut campaign = Campaign::open(&options.program, &options.folder, &subject, around.interrupt)?;
-    let stage = PointSubject::open(options, limit_bytes, &campaign)?;
+    let stage = PointSubject::open(options, &subject, &campaign)?;
     let reference = stage.reference(&campaign)?;
 
     let is_asked = |name: &str| options.knobs.is_empty() || options.knobs.iter().any(|asked| asked == name);
@@ -120,36 +137,10 @@ pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<Tra
     Ok(figures)
 }
 
-fn subject(options: &TradeoffOptions, memory_limit_bytes: u64) -> anyhow::Result<Subject> {
-    let path = Path::new(&options.input);
-    let (mut input_bytes, mut input_changed_s) = (0, 0);
-    if !options.input.starts_with("gen:") {
-        let about = fs::metadata(path).map_err(|error| Error::io("open", path, &error))?;
-        let changed = about.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-        (input_bytes, input_changed_s) = (about.len(), changed.map_or(0, |since| since.as_secs()));
-    }
-    Ok(Subject {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        input: options.input.clone(),
-        input_bytes,
-        input_changed_s,
-        resolution: options.resolution,
-        reference_spp: options.reference_spp,
-        rounds: options.rounds,
-        memory_limit_bytes,
-    })
-}
-
-/// True for what is built before it is rendered.
-fn is_mesh(input: &str) -> bool {
-    let ending = Path::new(input).extension().map(|ending| ending.to_ascii_lowercase());
-    input.starts_with("gen:") || ending.is_some_and(|e| ["ply", "obj", "stl"].iter().any(|mesh| e == *mesh))
-}
-
 impl<'a> PointSubject<'a> {
     fn open(
         options: &'a TradeoffOptions,
-        limit_bytes: u64,
+        subject: &Subject,
         campaign: &Campaign<'_>,
     ) -> anyhow::Result<PointSubject<'a>> {
         let [width, height] = options.resolution;
@@ -166,7 +157,8 @@ impl<'a> PointSubject<'a> {
             ];
             common.extend(flags.into_iter().flat_map(|(flag, value)| [flag.to_owned(), value]));
         }
-        let source = is_mesh(&options.input).then(|| options.input.clone());
+        let source = subject.input.is_mesh().then(|| options.input.clone());
+        let limit_bytes = subject.memory_limit_bytes;
         let mut stage = PointSubject { options, model: options.input.clone(), common, source, limit_bytes };
         if stage.source.is_some() {
             stage.model = stage.built("model", &[], campaign)?;

@@ -1,56 +1,78 @@
 //! `Campaign`: a folder in which points are run once, each by a process of its own, and kept.
 //!
 //! ```text
-//! FOLDER/reference-a.exr, -b.exr, direct.exr    pictures that points are compared with
-//! FOLDER/points.jsonl                           what it is of, then a line a point: its command and what came of it
+//! FOLDER/points.jsonl    what it is of, then a line a point: its command and what came of it
+//! FOLDER/NAME.exr        pictures that points are compared with
 //! ```
 //!
 //! Invariants: 1. a line stands where its point was run to its end: what is stopped goes on with the next; 2. lines of
-//! another input, size or reference are told, never mixed with; 3. no process outlives the campaign.
+//! another subject are told, never mixed with; 3. no process outlives the campaign.
 
 use anyhow::Context;
 use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
-use trex_store::{Code, Error, Interrupt};
+use std::time::{Duration, Instant, UNIX_EPOCH};
+use trex_store::{Code, Error, Interrupt, Result};
 
 /// Longest that an interrupt waits for a process to be ended.
 const POLL: Duration = Duration::from_millis(5);
+/// Endings of what is built first.
+const MESHES: [&str; 5] = ["ply", "obj", "stl", "gltf", "glb"];
 
-/// What a campaign is of.
+/// A file of a campaign as it was when it began, or the name of a generator's mesh.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Subject {
-    pub(super) version: String,
-    pub(super) input: String,
-    /// Length and time of change of the input; zeros for a generator.
-    pub(super) input_bytes: u64,
-    pub(super) input_changed_s: u64,
-    pub(super) resolution: [u32; 2],
-    pub(super) reference_spp: u32,
-    pub(super) rounds: usize,
-    pub(super) memory_limit_bytes: u64,
+pub(crate) struct Input {
+    pub(crate) name: String,
+    /// Length and time of change; zeros for a generator.
+    bytes: u64,
+    changed_s: u64,
+}
+
+impl Input {
+    /// The input that is named so.
+    ///
+    /// # Errors
+    /// There is no such file.
+    pub(crate) fn named(name: &str) -> Result<Input> {
+        let mut input = Input { name: name.to_owned(), bytes: 0, changed_s: 0 };
+        if !name.starts_with("gen:") {
+            let path = Path::new(name);
+            let about = fs::metadata(path).map_err(|error| Error::io("open", path, &error))?;
+            let changed = about.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+            (input.bytes, input.changed_s) = (about.len(), changed.map_or(0, |since| since.as_secs()));
+        }
+        Ok(input)
+    }
+
+    /// True for what is built before it is looked at.
+    pub(crate) fn is_mesh(&self) -> bool {
+        let ending = Path::new(&self.name).extension().map(|ending| ending.to_ascii_lowercase());
+        let is_of = |mesh: &&str| ending.as_ref().is_some_and(|ending| ending == *mesh);
+        self.name.starts_with("gen:") || MESHES.iter().any(is_of)
+    }
 }
 
 /// The campaign.
-pub(super) struct Campaign<'a> {
+pub(crate) struct Campaign<'a> {
     /// The command itself.
-    pub(super) program: &'a Path,
-    pub(super) folder: &'a Path,
-    pub(super) interrupt: &'a Interrupt,
+    pub(crate) program: &'a Path,
+    pub(crate) folder: &'a Path,
+    pub(crate) interrupt: &'a Interrupt,
     kept: BTreeMap<String, Value>,
 }
 
 /// What a process said, and how long it took from its start to its end.
 #[derive(Debug)]
-pub(super) struct Ran {
-    pub(super) document: Value,
-    pub(super) wall: Duration,
+pub(crate) struct Ran {
+    pub(crate) document: Value,
+    pub(crate) wall: Duration,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -64,10 +86,10 @@ impl<'a> Campaign<'a> {
     ///
     /// # Errors
     /// [`Code::InputMismatch`] for a folder of another subject; those of the folder.
-    pub(super) fn open(
+    pub(crate) fn open<S: Serialize + DeserializeOwned + PartialEq + Debug>(
         program: &'a Path,
         folder: &'a Path,
-        subject: &Subject,
+        subject: &S,
         interrupt: &'a Interrupt,
     ) -> anyhow::Result<Campaign<'a>> {
         fs::create_dir_all(folder).map_err(|error| Error::writing("make the folder", folder, &error))?;
@@ -79,7 +101,7 @@ impl<'a> Campaign<'a> {
         }
         let text = fs::read_to_string(&path).map_err(|error| Error::io("read", &path, &error))?;
         let mut lines = text.lines();
-        let there: Option<Subject> = lines.next().and_then(|line| serde_json::from_str(line).ok());
+        let there: Option<S> = lines.next().and_then(|line| serde_json::from_str(line).ok());
         if there.as_ref() != Some(subject) {
             let there = there.map_or_else(|| "something else".into(), |there| format!("{there:?}"));
             return Err(Error::new(Code::InputMismatch, "this folder is of another campaign")
@@ -111,7 +133,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// What came of `key`, from before or from `run`.
-    pub(super) fn once<T: Serialize + DeserializeOwned>(
+    pub(crate) fn once<T: Serialize + DeserializeOwned>(
         &mut self,
         key: &str,
         run: impl FnOnce(&Campaign<'a>) -> anyhow::Result<T>,
@@ -130,7 +152,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// Runs the command with `words` and `--json`. A refusal is a document like any other.
-    pub(super) fn trex(&self, words: &[String]) -> anyhow::Result<Ran> {
+    pub(crate) fn trex(&self, words: &[String]) -> anyhow::Result<Ran> {
         self.interrupt.check()?;
         let start = Instant::now();
         let mut command = Command::new(self.program);
@@ -169,7 +191,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// A picture that is made once.
-    pub(super) fn picture(&self, name: &str, words: &[String]) -> anyhow::Result<PathBuf> {
+    pub(crate) fn picture(&self, name: &str, words: &[String]) -> anyhow::Result<PathBuf> {
         let path = self.folder.join(name);
         if !File::open(&path).is_ok_and(|file| file.metadata().is_ok_and(|about| about.len() > 0)) {
             let output = ["-o".to_owned(), path.display().to_string()];
@@ -183,7 +205,7 @@ impl<'a> Campaign<'a> {
 }
 
 /// The error that a document tells, as an error again.
-pub(super) fn refusal(document: &Value) -> Option<Error> {
+pub(crate) fn refusal(document: &Value) -> Option<Error> {
     let text = |key: &str| document[key].as_str().unwrap_or_default().to_owned();
     if !text("schema").starts_with("trex.error/") {
         return None;
@@ -203,16 +225,22 @@ pub(super) fn refusal(document: &Value) -> Option<Error> {
 mod tests {
     use super::*;
 
-    fn subject() -> Subject {
-        Subject {
-            version: "1".into(),
-            input: "a.trex".into(),
-            input_bytes: 5,
-            input_changed_s: 7,
-            resolution: [4, 4],
-            reference_spp: 9,
-            rounds: 1,
-            memory_limit_bytes: 1 << 30,
+    fn subject() -> (Input, u32) {
+        (Input { name: "a.trex".into(), bytes: 5, changed_s: 7 }, 9)
+    }
+
+    #[test]
+    fn what_is_built_first_is_known_by_its_name() {
+        let named = |name: &str| Input { name: name.into(), bytes: 0, changed_s: 0 };
+        for (name, is_mesh) in [
+            ("gen:pipes:1M", true),
+            ("a/B.PLY", true),
+            ("a.glb", true),
+            ("a.trex", false),
+            ("a.toml", false),
+            ("ply", false),
+        ] {
+            assert_eq!(named(name).is_mesh(), is_mesh, "{name}");
         }
     }
 
@@ -220,7 +248,8 @@ mod tests {
     fn what_was_run_is_not_run_again() {
         let inside = tempfile::tempdir().unwrap();
         let interrupt = Interrupt::default();
-        let open = |subject: &Subject| Campaign::open(Path::new("none"), inside.path(), subject, &interrupt);
+        let open =
+            |subject: &(Input, u32)| Campaign::open(Path::new("none"), inside.path(), subject, &interrupt);
         let mut first = open(&subject()).unwrap();
         assert_eq!(first.once("a", |_| Ok(3)).unwrap(), 3);
         assert!(first.once("b", |_| -> anyhow::Result<i32> { anyhow::bail!("no") }).is_err());
@@ -230,7 +259,7 @@ mod tests {
         assert_eq!(again.once("a", |_| -> anyhow::Result<i32> { panic!("it is there") }).unwrap(), 3);
         assert_eq!(again.once("b", |_| Ok(4)).unwrap(), 4);
 
-        let other = Subject { resolution: [5, 4], ..subject() };
+        let other = (subject().0, 10);
         let error = open(&other).err().unwrap();
         assert_eq!(error.downcast_ref::<Error>().unwrap().code(), Code::InputMismatch);
     }
