@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Counts instructions: of primary rays alone and in packets, and of install a triangle. A count stands still where times do not. Needs valgrind.
+# Counts instructions: of primary and of shadow rays, alone and in packets, and of install a
+# triangle. A count stands still where times do not. Needs valgrind.
 #
 #   bench/callgrind.sh FILE.trex    writes one JSON document to stdout
 set -euo pipefail
@@ -10,7 +11,7 @@ cargo build --release -q -p trex-bench --example counts
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 counts=
-for step in alone packets install; do
+for step in alone packets shadow-alone shadow-packets install; do
     steps=$(valgrind --tool=callgrind --toggle-collect='counts::measured*' --callgrind-out-file="$work/out" \
         target/release/examples/counts "$file" "$step" 2>"$work/log")
     all=$(sed -n 's/.*Collected : *\([0-9]*\).*/\1/p' "$work/log")

@@ -7,7 +7,7 @@
 //!
 //! Invariant: the unit is bytes of frames in use, whatever the pages are on disk: these are what rays wait for.
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use std::time::Duration;
 use trex_bench::model::Model;
@@ -18,7 +18,8 @@ use trex_store::pool::{FrameRoom, PageStore};
 use trex_store::{Budget, PageFile};
 
 /// A surface, a scan, and a model of small parts with several materials; more pages than the caches hold.
-const MODELS: [&str; 3] = ["gen:isosurface:1M", "gen:scan:1M", "gen:pipes:1M"];
+const MODELS: [(&str, &str); 3] =
+    [("iso", "gen:isosurface:1M"), ("scan", "gen:scan:1M"), ("plant", "gen:pipes:1M")];
 /// Passes over all pages of a model; each takes tens of milliseconds.
 const SAMPLES: usize = 20;
 
@@ -86,21 +87,21 @@ fn walk(view: &FrameView<'_>, at: FrameRef, content: &mut PageContent, clusters_
 }
 
 fn codec(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("codec");
-    group.sample_size(SAMPLES).measurement_time(Duration::from_secs(4));
-    for model in MODELS {
+    for (name, model) in MODELS {
+        let mut group = criterion.benchmark_group(format!("codec/{name}"));
+        group.sample_size(SAMPLES).measurement_time(Duration::from_secs(4));
         let pages = Pages::of(model);
         let lattice_bits = pages.file.superblock().lattice_bits;
         let (mut frame, mut scratch) = (vec![0; FRAME_BYTES], Vec::new());
         group.throughput(Throughput::Bytes(pages.used_bytes));
-        group.bench_function(BenchmarkId::new("install", model), |bencher| {
+        group.bench_function("install", |bencher| {
             bencher.iter(|| {
                 for packed in &pages.packed {
                     install(black_box(packed), lattice_bits, &mut frame).expect("a sound page");
                 }
             });
         });
-        group.bench_function(BenchmarkId::new("arrival", model), |bencher| {
+        group.bench_function("arrival", |bencher| {
             bencher.iter(|| {
                 for (page, stored) in pages.stored.iter().enumerate() {
                     let (stored, mut room) = (black_box(stored), FrameRoom::from(&mut frame[..]));
@@ -110,7 +111,7 @@ fn codec(criterion: &mut Criterion) {
                 }
             });
         });
-        group.bench_function(BenchmarkId::new("page", model), |bencher| {
+        group.bench_function("page", |bencher| {
             bencher.iter(|| {
                 for (page, stored) in pages.stored.iter().enumerate() {
                     let result = pages.file.install(page as u32, black_box(stored), &mut frame, &mut scratch);
@@ -118,11 +119,11 @@ fn codec(criterion: &mut Criterion) {
                 }
             });
         });
-        group.bench_function(BenchmarkId::new("encode", model), |bencher| {
+        group.bench_function("encode", |bencher| {
             bencher.iter(|| pages.contents.iter().map(|content| content.encode().0.len()).sum::<usize>());
         });
+        group.finish();
     }
-    group.finish();
 }
 
 criterion_group!(benches, codec);

@@ -81,7 +81,7 @@ fn gray(criterion: &mut Criterion) {
     let scene = VoxelScene::new(&octree, &file.superblock().lattice, Occluders::On);
     let rays = gather_rays(&scene, &octree, &file);
     let mut hits = vec![None; rays.len()];
-    let mut group = criterion.benchmark_group("gray");
+    let mut group = criterion.benchmark_group("gray/iso");
     group.throughput(Throughput::Elements(rays.len() as u64));
     group.bench_function("intersect/single", |bencher| {
         bencher.iter(|| {

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench -p trex-benches --bench traversal
-//! gen:isosurface, gen:pipes -> build -> all its pages -> rays of a camera, along rows
+//! gen:KIND -> build -> all its pages -> rays of a camera, along rows
 //!                                                     -> rays from what these meet: each of the three does more
 //!   beside   goes away from the model's box          set-up
 //!   at once  ends where it begins, on a surface      and the way down to the leaves around it
@@ -19,7 +19,8 @@ use trex_store::build::Voxels;
 use trex_store::{Budget, PageFile};
 
 /// More than the nearest caches hold.
-const MODELS: [(&str, &str); 2] = [("iso", "gen:isosurface:200k"), ("plant", "gen:pipes:200k")];
+const MODELS: [(&str, &str); 3] =
+    [("iso", "gen:isosurface:200k"), ("plant", "gen:pipes:200k"), ("scan", "gen:scan:200k")];
 /// Pixels along a side of the picture.
 const PICTURE_SIDE: u32 = 128;
 /// Passes over all tests.

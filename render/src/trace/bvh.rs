@@ -12,7 +12,9 @@
 //! Lost, on the 20M iso-surface: rays in turns, 8 or 16 of them, with what each needs next fetched ahead (incoherent
 //! rays no faster: they wait for instructions, not for memory); children put without a branch on their number (single
 //! primary rays 16 % slower); huge pages under the frames (no faster). On 5M triangles of a plant and of a CAD set:
-//! children in any order where any hit will do (no faster: what sorting takes, the nearest give back).
+//! children in any order where any hit will do (no faster: what sorting takes, the nearest give back). On 20M: in
+//! packets the boxes of a cluster with all rays before any of its leaves (primary rays of a plant 5 % faster, others
+//! within noise).
 //!
 //! Invariants: 1. no allocation, lock, system call or disk access; 2. one page is in use at a time, so pins of others
 //! may move; 3. stacks cannot overflow: depth is checked when tables and pages are read (`layout::TREE_DEPTH`); 4. of
