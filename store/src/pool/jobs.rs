@@ -73,6 +73,21 @@ impl JobQueue {
         self.line(is_ahead).pop()
     }
 
+    /// Takes those of the slots that nobody waited for to the others of which `is_wanted` says so. Gives how many.
+    pub(super) fn hurry(&self, is_wanted: impl Fn(&Slot) -> bool) -> usize {
+        let (mut ahead, mut count) = (lock_always(&self.ahead.state), 0);
+        for _ in 0..ahead.slots.len() {
+            let Some(slot) = ahead.slots.pop_front() else { break };
+            if is_wanted(&slot) {
+                self.demand.push(Slot { is_ahead: false, ..slot });
+                count += 1;
+            } else {
+                ahead.slots.push_back(slot);
+            }
+        }
+        count
+    }
+
     pub(super) fn stop(&self) {
         self.demand.stop();
         self.ahead.stop();
@@ -110,5 +125,29 @@ impl JobLine {
     fn stop(&self) {
         lock_always(&self.state).stop = true;
         self.ready.notify_all();
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use crate::io::ALIGN_BYTES;
+
+    #[test]
+    fn what_somebody_waits_for_comes_first() {
+        let queue = JobQueue::default();
+        for id in 0..4 {
+            queue.push(Slot { is_ahead: id != 3, ..Slot::new(id, ALIGN_BYTES).unwrap() });
+        }
+        assert_eq!(queue.hurry(|slot| slot.id == 1), 1);
+        assert_eq!(queue.hurry(|_| false), 0);
+        let next = |is_ahead| {
+            let slot = queue.pop(is_ahead).unwrap();
+            assert_eq!(slot.is_ahead, is_ahead);
+            slot.id
+        };
+        assert_eq!([next(false), next(false), next(true), next(true)], [3, 1, 0, 2]);
+        queue.stop();
+        assert!(queue.pop(false).is_none() && queue.pop(true).is_none());
     }
 }

@@ -15,7 +15,8 @@
 //! 3. A page in READING stands in exactly one slot, or in `split`: single flight.
 //! 4. A panic of one of these threads ends the pool: whoever waits is told (`failure.rs`), nobody idles.
 //! 5. Of pages that nobody waits for at most [`AHEAD_MOST`] reads are under way or wait for a decoder, which they have
-//!    for themselves and which gives way to all other threads. They get frames that nobody wants.
+//!    for themselves and which gives way to all other threads, until somebody waits for one of them. They get frames
+//!    that nobody wants.
 //! 6. A failed read of several pages is repeated page by page: one bad sector costs one page.
 //! 7. A page that needs more of its frame than was expected, and finds no room, is read again when it is wanted again.
 //! 8. A page that does not match its hash is read once more, by the store's own way, before it counts as damaged.
@@ -106,6 +107,10 @@ impl<'a> Loader<'a> {
         let shared = self.shared;
         let pay_debt = || lock(&shared.clock).pay_debt(&shared.words, &shared.arena).then_some(());
         let in_debt = shared.starved.try_twice(pay_debt).is_none();
+        if shared.ahead.load(Ordering::Acquire) > 0 {
+            let hurried = shared.jobs.hurry(|slot| shared.are_asked(&slot.parts));
+            shared.ahead.fetch_sub(hurried, Ordering::AcqRel);
+        }
         let mut saturated = false;
         while self.reader.room() > 0 {
             let Some(mut slot) = lock(&shared.idle).pop() else { break };
@@ -193,10 +198,8 @@ impl<'a> Loader<'a> {
         match arrival.result {
             Ok(range) => {
                 slot.start = range.start;
-                let is_asked = |part: &Part| !self.shared.words[part.page as usize].view().ahead;
-                if slot.is_ahead && slot.parts.iter().any(is_asked) {
-                    slot.is_ahead = false;
-                    self.shared.ahead.fetch_sub(1, Ordering::AcqRel);
+                if slot.is_ahead && self.shared.are_asked(&slot.parts) {
+                    self.shared.end_ahead(&mut slot);
                 }
                 self.shared.jobs.push(slot);
                 return;
@@ -290,20 +293,42 @@ impl PoolState {
         }
         let mut scratch = Vec::new();
         while let Some(mut slot) = self.jobs.pop(is_ahead) {
-            for at in 0..slot.parts.len() {
-                let part = slot.parts[at];
+            let mut done = 0;
+            while done < slot.parts.len() {
+                let part = slot.parts[done];
                 let result = self.install(&mut slot, part, &mut scratch);
                 self.end(part, result);
+                done += 1;
+                if is_ahead && self.are_asked(&slot.parts[done..]) {
+                    break;
+                }
             }
-            self.put_back(slot);
-            self.bell.ring();
+            slot.parts.drain(..done);
+            if slot.parts.is_empty() {
+                self.put_back(slot);
+                self.bell.ring();
+            } else {
+                self.end_ahead(&mut slot);
+                self.jobs.push(slot);
+            }
         }
     }
 
+    /// True when somebody waits for one of these pages, which are read ahead.
+    fn are_asked(&self, parts: &[Part]) -> bool {
+        parts.iter().any(|part| !self.words[part.page as usize].view().ahead)
+    }
+
+    /// Somebody waits for a page of `slot`, which was read ahead.
+    fn end_ahead(&self, slot: &mut Slot) {
+        slot.is_ahead = false;
+        self.ahead.fetch_sub(1, Ordering::AcqRel);
+    }
+
     /// A slot is idle again.
-    fn put_back(&self, slot: Slot) {
+    fn put_back(&self, mut slot: Slot) {
         if slot.is_ahead {
-            self.ahead.fetch_sub(1, Ordering::AcqRel);
+            self.end_ahead(&mut slot);
         }
         lock(&self.idle).push(slot);
     }

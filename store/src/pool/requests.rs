@@ -62,10 +62,10 @@ impl Requests {
         }
     }
 
-    /// Replaces the want-list of `origin`. True when there is something to read.
+    /// Replaces the want-list of `origin`. True when there is something to read, or wanted of what is read ahead.
     pub(super) fn submit(&mut self, origin: usize, wants: &[Want], words: &[Word]) -> bool {
         assert!(origin < ORIGINS_MAX, "origin {origin} of {ORIGINS_MAX}");
-        let bit = 1 << origin;
+        let (bit, late_before) = (1 << origin, self.counts.late);
         for request in self.table.values_mut() {
             request.before = request.before & !bit | request.now & bit;
             request.now &= !bit;
@@ -83,7 +83,7 @@ impl Requests {
             wanted
         });
         self.counts.dropped += (before - self.table.len()) as u64;
-        !self.table.is_empty()
+        !self.table.is_empty() || self.counts.late > late_before
     }
 
     /// Wants `page` until it has been read, whatever the rounds say. False when there is no room.
