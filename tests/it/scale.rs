@@ -3,7 +3,7 @@
 use crate::command::{document_in, folder, run_in};
 use serde_json::Value;
 
-const LINE: &str = "bench scale gen:isosurface:5k gen:isosurface:50k -o scale --switches 2 --resolution 64x48 \
+const LINE: &str = "bench scale gen:isosurface:10k gen:isosurface:50k -o scale --switches 2 --resolution 64x48 \
                     --views-limit 128MiB";
 
 /// The costs of each model.
@@ -17,7 +17,7 @@ fn costs_are_those_of_the_commands_and_exponents_those_of_the_costs() {
     let first = document_in(inside.path(), LINE);
     assert_eq!(first["schema"], "trex.bench-scale/1");
     let [small, large] = &costs(&first)[..] else { panic!("{first:#}") };
-    for (cost, model) in [(small, "gen:isosurface:5k"), (large, "gen:isosurface:50k")] {
+    for (cost, model) in [(small, "gen:isosurface:10k"), (large, "gen:isosurface:50k")] {
         // What does not depend on the time of day: the file that the same model makes.
         document_in(inside.path(), &format!("build {model} -o same.trex --overwrite --render-limit 128MiB"));
         let info = document_in(inside.path(), "info same.trex");
@@ -64,5 +64,5 @@ fn a_model_that_the_limit_refuses_is_told_beside_the_others() {
         assert!(cost["file_bytes"].is_null(), "{cost:#}");
     }
     assert!(told["exponents"].as_object().unwrap().is_empty());
-    run_in(inside.path(), "bench scale nowhere.trex -o other --json").expect_error(7, "io");
+    run_in(inside.path(), "bench scale nowhere.trex -o other --json").expect_error(3, "input-unreadable");
 }

@@ -106,9 +106,11 @@ pub const MEASURES: [Measure; 13] = [
     measure("start_ms", "the time from the start to a first picture", |cost| Some(cost.start_ms)),
     measure("start_peak_rss_bytes", "the memory of a start", |cost| Some(cost.start_peak_rss_bytes as f64)),
     measure("whole_p50_ms", "the time to a whole picture after a jump", |cost| cost.whole_p50_ms),
-    measure("whole_p99_ms", "the same, the slowest of a hundred", |cost| cost.whole_p99_ms),
+    measure("whole_p99_ms", "the time to the slowest whole picture of a hundred", |cost| cost.whole_p99_ms),
     measure("complete_p50_ms", "the time to an exact picture after a jump", |cost| cost.complete_p50_ms),
-    measure("complete_p99_ms", "the same, the slowest of a hundred", |cost| cost.complete_p99_ms),
+    measure("complete_p99_ms", "the time to the slowest exact picture of a hundred", |cost| {
+        cost.complete_p99_ms
+    }),
     measure("pages_read", "the pages that jumps read", |cost| Some(cost.pages_read as f64)),
     measure("primary_per_s", "the primary rays a second", |cost| Some(cost.primary_per_s)),
     measure("shadow_per_s", "the shadow rays a second", |cost| Some(cost.shadow_per_s)),

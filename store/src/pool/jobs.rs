@@ -41,7 +41,7 @@ impl Slot {
     }
 }
 
-/// Slots that have arrived and wait for a decoder: those that somebody waits for, and the others, which have a decoder of
+/// Slots that have arrived and wait for a decoder: those that somebody waits for, and the others, which have one of
 /// their own.
 #[derive(Default)]
 pub(super) struct JobQueue {
