@@ -85,6 +85,14 @@ impl fmt::Display for TradeoffReport {
                 }
             }
         }
+        for (part, without) in &figures.without {
+            let part = part.replace('_', " ");
+            writeln!(
+                f,
+                "normal without {part}: {:.2} times the time, {:.2} times the relMSE",
+                without.time_ratio, without.relmse_ratio
+            )?;
+        }
         if !figures.left_out.is_empty() {
             let knobs = figures.left_out.join(", ");
             writeln!(f, "not turned, since they are of the build: {knobs}; name the mesh or a gen: model")?;

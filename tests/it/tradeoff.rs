@@ -57,6 +57,11 @@ fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
         assert!((told / expected - 1.0).abs() < 1e-4, "{command}: {told}, {expected} by the pictures");
     }
     assert!(!first["front"].as_object().unwrap().is_empty());
+    let (bare, normal) = (found("no-asvo")[0], &first["qualities"]["normal"]);
+    let expected = bare["errors"]["whole"]["relmse"].as_f64().unwrap() / normal["relmse"].as_f64().unwrap();
+    let told = first["without"]["octree"]["relmse_ratio"].as_f64().unwrap();
+    assert!((told / expected - 1.0).abs() < 1e-9, "{told}, by its points {expected}");
+    assert_eq!(first["without"].as_object().unwrap().len(), 1, "no other part was turned off");
     for plot in ["error-time.svg", "error-memory.svg"] {
         let svg = std::fs::read_to_string(inside.path().join("trade").join(plot)).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("relMSE"), "{plot}");

@@ -12,6 +12,16 @@ use trex_store::Error;
 const MIB: u64 = 1 << 20;
 /// Ways through several knobs, which the plot of time has lines for.
 const TIME_LINES: [&str; 5] = ["quality", "photon", "full-gi", "path", "time"];
+/// What `normal` is without a part, by the part: a knob and the value that turns it off.
+const PARTS: [(&str, &str, &str); 7] = [
+    ("bitmaps", "occluders", "off"),
+    ("contacts", "near", "voxel"),
+    ("shadows_on_the_mesh", "shadows", "voxel"),
+    ("filter", "filter", "off"),
+    ("gathered_light", "n-gather", "0"),
+    ("light_in_voxels", "integrator", "full-gi"),
+    ("octree", "no-asvo", "plain"),
+];
 /// What memory goes by.
 const MEMORY_LINES: [&str; 4] = ["quality", "memory", "upper", "finest"];
 
@@ -32,6 +42,8 @@ pub struct TradeoffFigures {
     pub points: Vec<PointFigures>,
     /// The qualities, by name.
     pub qualities: BTreeMap<String, Summary>,
+    /// What `normal` is without each of its parts, where these knobs were turned.
+    pub without: BTreeMap<&'static str, Without>,
     /// What no point beats in time and error, by its time in whole milliseconds.
     pub front: BTreeMap<u64, Summary>,
     /// Knobs that turn the build, of a model that is not built here.
@@ -53,6 +65,15 @@ pub struct Summary {
     pub peak_rss_bytes: u64,
     /// Its relMSE over the least that is had in its time.
     pub front_distance: Option<f64>,
+}
+
+/// A picture of `normal` without a part, beside that with it.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Without {
+    /// Its time over that of `normal`.
+    pub time_ratio: f64,
+    /// Its relMSE over that of `normal`.
+    pub relmse_ratio: f64,
 }
 
 /// A point.
@@ -141,6 +162,21 @@ pub(super) fn qualities(points: &[PointFigures]) -> BTreeMap<String, Summary> {
     of_quality.filter_map(|point| Some((point.value.clone(), point.summary()?))).collect()
 }
 
+/// What `normal` is without each part that was turned off.
+pub(super) fn without(points: &[PointFigures]) -> BTreeMap<&'static str, Without> {
+    let at = |knob: &str, value: &str| {
+        let point = points.iter().find(|point| point.knob == knob && point.value == value)?;
+        let measured = point.measured.as_ref()?;
+        Some((measured.picture_ms, measured.relmse()?))
+    };
+    let Some((time, relmse)) = at("quality", "normal") else { return BTreeMap::new() };
+    let ratio = |(part, knob, value): &(&'static str, &str, &str)| {
+        let off = at(knob, value)?;
+        Some((*part, Without { time_ratio: off.0 / time, relmse_ratio: off.1 / relmse }))
+    };
+    PARTS.iter().filter_map(ratio).collect()
+}
+
 /// Those of `points` that are on the front of time.
 pub(super) fn by_time(points: &[PointFigures]) -> BTreeMap<u64, Summary> {
     let on_front = points.iter().filter(|point| point.is_on_time_front);
@@ -182,5 +218,19 @@ impl TradeoffFigures {
                 .map_err(|error| Error::writing("write", &path, &error))?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tradeoff::knobs::KNOBS;
+
+    #[test]
+    fn what_turns_a_part_off_is_a_point_of_the_sweep() {
+        for (part, knob, value) in PARTS {
+            let knob = KNOBS.iter().find(|other| other.name == knob).expect("a knob");
+            assert!(knob.points(&[]).iter().any(|point| point.value == value), "{part}: {value}");
+        }
     }
 }

@@ -17,7 +17,7 @@ mod regions;
 use crate::campaign::{Campaign, Input, refusal};
 use crate::median::median;
 use datasets_gen::{Spec, views};
-pub use figures::{Measurement, PointFigures, Summary, TradeoffFigures};
+pub use figures::{Measurement, PointFigures, Summary, TradeoffFigures, Without};
 pub use knobs::names;
 use knobs::{KNOBS, Point};
 use regions::ReferencePicture;
@@ -129,6 +129,7 @@ pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<Tra
         reference_relmse: reference.floor,
         round_count: options.rounds,
         qualities: figures::qualities(&told),
+        without: figures::without(&told),
         front: figures::by_time(&told),
         points: told,
         left_out: left_out.iter().map(|knob| knob.name).collect(),

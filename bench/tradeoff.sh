@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Error against time and memory, every knob, on five models: the Cornell box, Sponza, the plant from inside, the iso-surface, and a
+# CAD board, which is built in all ways, too. Two hours of a quiet machine; models that are missing are built first, the box, Sponza
+# and the board of `../shared/models`. What is stopped goes on where it was.
+#
+#   bench/tradeoff.sh WORK_FOLDER [ROUNDS [FRONT...]]        ROUNDS: runs of each point, 3 unless told
+set -euo pipefail
+work=$(realpath "${1:?usage: bench/tradeoff.sh WORK_FOLDER [ROUNDS [FRONT...]]}")
+rounds=${2:-3}
+shift $(($# < 2 ? $# : 2))
+cd "$(dirname "$0")/.."
+root=$PWD
+source bench/record.sh
+cargo build --release -q -p trex -p trex-bench
+models=$root/../shared/models
+mkdir -p out
+
+# built FILE WHAT: the model of a scene in out/, unless it is there.
+built() {
+    [ -e "out/$1" ] || "$trex" build "$2" -o "out/$1" --progress none
+}
+
+# front NAME INPUT: a campaign of all knobs.
+front() {
+    at=$root record "tradeoff-$1" bench tradeoff "$2" -o "$work/tradeoff-$1" --resolution 256x256 --reference-spp 256 --rounds "$rounds"
+}
+
+[ $# -gt 0 ] || set -- cornell sponza kicad-1m isosurface-20m pipes-interior-20m
+for name; do
+    case $name in
+    cornell | sponza)
+        [ -d "$models" ] || continue
+        built "$name.trex" "$models/$name/$name.obj"
+        front "$name" "bench/scenes/$name.toml"
+        ;;
+    kicad-1m) [ ! -d "$models" ] || front "$name" "$models/cad/kicad_1m.obj" ;;
+    isosurface-20m)
+        built "$name.trex" gen:isosurface:20M
+        front "$name" bench/scenes/isosurface.toml
+        ;;
+    pipes-interior-20m)
+        built pipes-20m.trex gen:pipes:20M
+        front "$name" bench/scenes/pipes-interior.toml
+        ;;
+    *)
+        echo "bench/tradeoff.sh: no front is called $name" >&2
+        exit 2
+        ;;
+    esac
+done
+"$root/target/release/trex-bench" --root "$root" docs
