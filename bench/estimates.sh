@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The criterion benches: what a ray costs by part, what a page costs to take in and to unpack, kept as records. Six minutes of a
-# quiet machine, one core.
+# The criterion benches: what a ray costs by part, what a page costs to take in and to unpack, kept as records. Ten minutes of a
+# quiet machine, compiling included; one core.
 #
 #   bench/estimates.sh
 set -euo pipefail

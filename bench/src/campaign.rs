@@ -19,7 +19,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant, UNIX_EPOCH};
-use trex_store::{Code, Error, Interrupt, Result};
+use trex_store::{Budget, Code, Error, Interrupt, Result};
 
 /// Longest that an interrupt waits for a process to be ended.
 const POLL: Duration = Duration::from_millis(5);
@@ -56,6 +56,23 @@ impl Input {
         let ending = Path::new(&self.name).extension().map(|ending| ending.to_ascii_lowercase());
         let is_of = |mesh: &&str| ending.as_ref().is_some_and(|ending| ending == *mesh);
         self.name.starts_with("gen:") || MESHES.iter().any(is_of)
+    }
+}
+
+/// What a campaign needs beside its options.
+pub struct Around<'a> {
+    /// The ledger; processes get what it has left.
+    pub budget: &'a Budget,
+    /// Ends it; what is done is kept.
+    pub interrupt: &'a Interrupt,
+    /// Hears what is done, and of how much.
+    pub tell: &'a dyn Fn(u64, u64),
+}
+
+impl Around<'_> {
+    /// Bytes that a process may take.
+    pub(crate) fn left_bytes(&self) -> u64 {
+        self.budget.limit_bytes() - self.budget.used_bytes() - trex_store::RESERVE_BYTES
     }
 }
 

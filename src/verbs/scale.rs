@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use trex_bench::scale::{self, MEASURES, ModelCost, ScaleAround, ScaleFigures, ScaleOptions};
+use trex_bench::scale::{self, Around, MEASURES, ModelCost, ScaleFigures, ScaleOptions};
 use trex_store::{Error, Progress};
 
 /// Runs `trex bench scale`.
@@ -29,7 +29,7 @@ pub fn run(args: &BenchScaleArgs, ctx: &Context) -> anyhow::Result<Exit> {
         let memory_bytes = ctx.budget.used_bytes();
         ctx.report()(Progress { phase: "scale", done, total, unit: "models", memory_bytes });
     };
-    let around = ScaleAround { budget: &ctx.budget, interrupt: &ctx.interrupt, tell: &tell };
+    let around = Around { budget: &ctx.budget, interrupt: &ctx.interrupt, tell: &tell };
     let figures = scale::run(&options, &around)?;
     ctx.done(&ScaleReport { figures, folder: args.output.clone(), memory: Memory::new(&ctx.budget) })
 }

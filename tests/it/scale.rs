@@ -52,7 +52,7 @@ fn costs_are_those_of_the_commands_and_exponents_those_of_the_costs() {
 }
 
 #[test]
-fn a_model_that_the_limit_refuses_is_told_beside_the_others() {
+fn models_that_the_limit_refuses_are_told() {
     let inside = folder();
     document_in(inside.path(), "build gen:isosurface:50k -o small.trex --voxels 64");
     document_in(inside.path(), "build gen:isosurface:50k -o large.trex --voxels 512");

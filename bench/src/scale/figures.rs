@@ -50,7 +50,7 @@ pub struct ModelCost {
     pub triangle_count: u64,
     /// The page file.
     pub file_bytes: u64,
-    /// The build, all of it; `None` for a page file.
+    /// The build, from the start of its process to its end; `None` for a page file.
     pub build_ms: Option<f64>,
     /// Most memory of a build, as the kernel counted it.
     pub build_peak_rss_bytes: Option<u64>,

@@ -16,6 +16,7 @@
 mod exponent;
 mod figures;
 
+pub use crate::campaign::Around;
 use crate::campaign::{Campaign, Input, refusal};
 use crate::median::median;
 pub use exponent::Exponent;
@@ -24,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
-use trex_store::{Budget, Code, Error, Interrupt};
+use trex_store::{Code, Error};
 
 /// Rounds of the rays of a model.
 const RAY_ROUNDS: u32 = 3;
@@ -50,16 +51,6 @@ pub struct ScaleOptions {
     pub rounds: usize,
 }
 
-/// What a run needs beside its options.
-pub struct ScaleAround<'a> {
-    /// The ledger; builds and rays get what it has left.
-    pub budget: &'a Budget,
-    /// Ends it; what is done is kept.
-    pub interrupt: &'a Interrupt,
-    /// Models done, of how many.
-    pub tell: &'a dyn Fn(u64, u64),
-}
-
 /// What a folder is of.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct ScaleSubject {
@@ -76,9 +67,8 @@ struct ScaleSubject {
 /// # Errors
 /// Those of the command and of the folder; a model that is not there; [`Code::InputMismatch`] for a folder of other
 /// options.
-pub fn run(options: &ScaleOptions, around: &ScaleAround<'_>) -> anyhow::Result<ScaleFigures> {
-    let memory_limit_bytes =
-        around.budget.limit_bytes() - around.budget.used_bytes() - trex_store::RESERVE_BYTES;
+pub fn run(options: &ScaleOptions, around: &Around<'_>) -> anyhow::Result<ScaleFigures> {
+    let memory_limit_bytes = around.left_bytes();
     let inputs: Vec<Input> =
         options.models.iter().map(|name| Input::named(name)).collect::<Result<_, _>>()?;
     let subject = ScaleSubject {
@@ -120,9 +110,11 @@ struct ScaleModel<'a> {
     memory_limit_bytes: u64,
 }
 
-/// What a run of a build cost.
-struct BuildCost {
+/// What the runs of a command came to.
+struct Runs {
+    /// From the start of the process to its end, the median, milliseconds.
     ms: f64,
+    /// The most memory of all, as the kernel counted it.
     peak_rss_bytes: u64,
 }
 
@@ -143,40 +135,36 @@ impl ScaleModel<'_> {
         }
     }
 
-    fn build(&self, file: &str, campaign: &Campaign<'_>) -> anyhow::Result<BuildCost> {
+    fn build(&self, file: &str, campaign: &Campaign<'_>) -> anyhow::Result<Runs> {
         let (limit, render_limit) = (bytes(self.memory_limit_bytes), bytes(self.options.views_limit_bytes));
         let words = ["build", &self.input.name, "-o", file, "--overwrite"];
         let limits = ["--memory-limit", &limit, "--render-limit", &render_limit];
-        let runs = self.rounds(campaign, &[&words[..], &limits].concat())?;
-        Ok(BuildCost {
-            ms: self.median(&runs, |document| &document["phase_ms"]["total"])?,
-            peak_rss_bytes: peak(&runs)?,
-        })
+        self.rounds(campaign, &[&words[..], &limits].concat())
     }
 
     fn measure_file(
         &self,
         file: &str,
-        build: Option<BuildCost>,
+        build: Option<Runs>,
         campaign: &Campaign<'_>,
     ) -> anyhow::Result<ModelCost> {
-        let info = told(&campaign.trex(&owned(&["info", file]))?.document)?;
+        let info = told(campaign.trex(&owned(&["info", file]))?.document)?;
         let views_limit = bytes(self.options.views_limit_bytes);
         let picture = campaign.folder.join("start.png").display().to_string();
         let words = ["render", file, "-o", &picture, "--overwrite", "--memory-limit", &views_limit];
         let direct = "--integrator direct --spp 1 --n-shadow 1 --filter off --resolution";
         let direct: Vec<&str> = direct.split(' ').chain([START_RESOLUTION]).collect();
-        let starts = self.rounds(campaign, &[&words[..], &direct].concat())?;
+        let start = self.rounds(campaign, &[&words[..], &direct].concat())?;
 
         let [width, height] = self.options.resolution;
         let (resolution, switches) = (format!("{width}x{height}"), self.options.switches.to_string());
         let words = ["stress", file, "--scenario", "inside", "--switches", &switches];
         let limits = ["--resolution", &resolution, "--memory-limit", &views_limit];
-        let stress = told(&campaign.trex(&owned(&[&words[..], &limits].concat()))?.document)?;
+        let stress = told(campaign.trex(&owned(&[&words[..], &limits].concat()))?.document)?;
 
         let (limit, rounds) = (bytes(self.memory_limit_bytes), RAY_ROUNDS.to_string());
         let words = ["bench", "rays", file, "--rounds", &rounds, "--memory-limit", &limit];
-        let rays = told(&campaign.trex(&owned(&words))?.document)?;
+        let rays = told(campaign.trex(&owned(&words))?.document)?;
         let time = |key: &str, percentile: &str| stress[key][percentile].as_f64();
         let rate = |kind: &str| number(&rays[kind]["per_s"]);
         Ok(ModelCost {
@@ -184,8 +172,8 @@ impl ScaleModel<'_> {
             file_bytes: whole(&info["file_bytes"])?,
             build_ms: build.as_ref().map(|build| build.ms),
             build_peak_rss_bytes: build.map(|build| build.peak_rss_bytes),
-            start_ms: median(&starts.iter().map(|(_, ms)| *ms).collect::<Vec<_>>()),
-            start_peak_rss_bytes: peak(&starts)?,
+            start_ms: start.ms,
+            start_peak_rss_bytes: start.peak_rss_bytes,
             whole_p50_ms: time("whole_ms", "p50"),
             whole_p99_ms: time("whole_ms", "p99"),
             complete_p50_ms: time("complete_ms", "p50"),
@@ -200,32 +188,21 @@ impl ScaleModel<'_> {
         })
     }
 
-    /// What the rounds of a command tell, and how long each took, milliseconds.
-    fn rounds(&self, campaign: &Campaign<'_>, words: &[&str]) -> anyhow::Result<Vec<(Value, f64)>> {
-        (0..self.options.rounds)
-            .map(|_| {
-                let ran = campaign.trex(&owned(words))?;
-                Ok((told(&ran.document)?, ran.wall.as_secs_f64() * 1e3))
-            })
-            .collect()
+    /// Runs a command as often as is asked for.
+    fn rounds(&self, campaign: &Campaign<'_>, words: &[&str]) -> anyhow::Result<Runs> {
+        let (mut walls, mut peak_rss_bytes) = (Vec::new(), 0);
+        for _ in 0..self.options.rounds {
+            let ran = campaign.trex(&owned(words))?;
+            walls.push(ran.wall.as_secs_f64() * 1e3);
+            peak_rss_bytes = peak_rss_bytes.max(whole(&told(ran.document)?["memory"]["peak_rss_bytes"])?);
+        }
+        Ok(Runs { ms: median(&walls), peak_rss_bytes })
     }
-
-    fn median(&self, runs: &[(Value, f64)], of: impl Fn(&Value) -> &Value) -> anyhow::Result<f64> {
-        let numbers: Vec<f64> =
-            runs.iter().map(|(document, _)| number(of(document))).collect::<Result<_, _>>()?;
-        Ok(median(&numbers))
-    }
-}
-
-/// The most memory of all runs, as the kernel counted it.
-fn peak(runs: &[(Value, f64)]) -> anyhow::Result<u64> {
-    let peaks = runs.iter().map(|(document, _)| whole(&document["memory"]["peak_rss_bytes"]));
-    Ok(peaks.collect::<Result<Vec<_>, _>>()?.into_iter().max().unwrap_or(0))
 }
 
 /// The document, unless it is a refusal.
-fn told(document: &Value) -> anyhow::Result<Value> {
-    refusal(document).map_or_else(|| Ok(document.clone()), |refusal| Err(refusal.into()))
+fn told(document: Value) -> anyhow::Result<Value> {
+    refusal(&document).map_or(Ok(document), |refusal| Err(refusal.into()))
 }
 
 fn number(value: &Value) -> anyhow::Result<f64> {

@@ -14,6 +14,7 @@ mod front;
 mod knobs;
 mod regions;
 
+pub use crate::campaign::Around;
 use crate::campaign::{Campaign, Input, refusal};
 use crate::median::median;
 use datasets_gen::{Spec, views};
@@ -26,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
-use trex_store::{Budget, Code, Error, Interrupt};
+use trex_store::{Code, Error};
 
 /// Samples of the picture of direct light that regions are found by.
 const DIRECT_SPP: u32 = 64;
@@ -53,16 +54,6 @@ pub struct TradeoffOptions {
     pub knobs: Vec<String>,
     /// Runs of each point; times are their medians.
     pub rounds: usize,
-}
-
-/// What a campaign needs beside its options.
-pub struct Around<'a> {
-    /// The ledger; processes of points get what it has left.
-    pub budget: &'a Budget,
-    /// Ends it; what is done is kept.
-    pub interrupt: &'a Interrupt,
-    /// Points done, of how many.
-    pub tell: &'a dyn Fn(u64, u64),
 }
 
 /// What a campaign is of.
@@ -94,7 +85,7 @@ struct PointSubject<'a> {
 /// Those of the command, of the folder, and [`Code::InputMismatch`] for a folder of something else.
 pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<TradeoffFigures> {
     let lease = around.budget.lease("pictures to be compared", regions::bytes(options.resolution))?;
-    let limit_bytes = around.budget.limit_bytes() - around.budget.used_bytes() - trex_store::RESERVE_BYTES;
+    let limit_bytes = around.left_bytes();
     let subject = Subject {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input: Input::named(&options.input)?,

@@ -28,7 +28,7 @@ pub struct PoolOptions {
     pub staging_slots: usize,
     /// Longest read that several pages share. A page that is longer is read alone.
     pub merge_bytes: u32,
-    /// Threads that check and decode, 1 to 16.
+    /// Threads that check and decode, 1 to 16; what is read ahead has one more.
     pub decode_threads: usize,
     /// Most pages wanted at once.
     pub queue_capacity: usize,
