@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 
 /// A file that says what it holds: corners, then faces that turn counter-clockwise on the side that is meant.
-fn write_obj(folder: &Path, corners: &[[f64; 3]], faces: &[Vec<usize>], material: &str) {
+pub(crate) fn write_obj(folder: &Path, corners: &[[f64; 3]], faces: &[Vec<usize>], material: &str) {
     let mut text = "mtllib m.mtl\nusemtl m\n".to_owned();
     corners.iter().for_each(|[x, y, z]| writeln!(text, "v {x} {y} {z}").unwrap());
     for face in faces {
@@ -20,7 +20,7 @@ fn write_obj(folder: &Path, corners: &[[f64; 3]], faces: &[Vec<usize>], material
 }
 
 /// The cube from -1 to 1, seen from inside.
-fn cube() -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
+pub(crate) fn cube() -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
     let corners = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|bit| f64::from(2 * bit) - 1.0)).collect();
     let faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
     (corners, faces.iter().map(|face| face.to_vec()).collect())
@@ -55,7 +55,7 @@ fn sphere(n: usize) -> (Vec<[f64; 3]>, Vec<Vec<usize>>) {
 
 /// Builds `m.obj` and renders `scene` (camera, lights, render keys) with each integrator; the mean of the picture's
 /// first channel must be `expected` within the share given.
-fn check(folder: &Path, voxels: &str, scene: &str, expected: f64, integrators: &[(&str, f64)]) {
+pub(crate) fn check(folder: &Path, voxels: &str, scene: &str, expected: f64, integrators: &[(&str, f64)]) {
     document_in(folder, &format!("build m.obj -o m.trex --voxels {voxels} --overwrite"));
     fs::write(folder.join("m.toml"), format!("model = 'm.trex'\n{scene}")).unwrap();
     for (options, share) in integrators {
@@ -66,7 +66,8 @@ fn check(folder: &Path, voxels: &str, scene: &str, expected: f64, integrators: &
     }
 }
 
-const INSIDE: &str = "[camera]\nposition = [0.2, 0.1, 0.3]\ntarget = [1.0, 0.2, 0.1]\nfov_x = 90\n\
+/// The camera of a room from -1 to 1.
+pub(crate) const INSIDE: &str = "[camera]\nposition = [0.2, 0.1, 0.3]\ntarget = [1.0, 0.2, 0.1]\nfov_x = 90\n\
                       [render]\nresolution = [32, 32]\nseed = 5\n";
 
 /// Closed diffuse box, albedo rho, uniform emission Le: L = Le / (1 - rho).

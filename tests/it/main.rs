@@ -45,6 +45,7 @@ mod licences;
 mod lies;
 mod lies_units;
 mod light;
+mod light_extremes;
 mod light_gloss;
 mod light_sides;
 mod limits;

@@ -64,5 +64,12 @@ fn models_that_the_limit_refuses_are_told() {
         assert!(cost["file_bytes"].is_null(), "{cost:#}");
     }
     assert!(told["exponents"].as_object().unwrap().is_empty());
-    run_in(inside.path(), "bench scale nowhere.trex -o other --json").expect_error(3, "input-unreadable");
+
+    // One that is refused takes nothing from one that is measured.
+    let told = document_in(inside.path(), &line.replace("33MiB", "48MiB").replace("-o scale", "-o other"));
+    let [small, large] = &costs(&told)[..] else { panic!("{told:#}") };
+    assert!(small["refused"].is_null() && small["whole_p50_ms"].as_f64().unwrap() > 0.0, "{small:#}");
+    assert!(large["refused"].as_str().is_some_and(|why| why.contains("limit")), "{large:#}");
+    assert!(told["exponents"].as_object().unwrap().is_empty());
+    run_in(inside.path(), "bench scale nowhere.trex -o nowhere --json").expect_error(3, "input-unreadable");
 }

@@ -118,6 +118,75 @@ fn rays_meet_what_all_voxels_say_in_an_octant() {
     check_rays("gen:scan:10k:2", 512, 10);
 }
 
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    v.map(|x| x / length)
+}
+
+/// Rays along the edges of voxels, and through their corners along diagonals: none meets a voxel that no ray beside it
+/// meets, and along an edge none passes between voxels where all rays beside it meet one. What is met at a corner alone
+/// may be met or not.
+#[test]
+fn rays_between_voxels_meet_what_is_on_one_of_their_sides() {
+    let (built, octree) = octree_of("gen:isosurface:20k:2", 64);
+    let block = built.file.superblock();
+    let lattice = block.lattice;
+    let corner = lattice.position(octree.grid().lo).map(|v| v - 0.5 * lattice.step());
+    let mut rng = Random::seeded(17);
+    for occluders in [Occluders::On, Occluders::Off] {
+        let scene = VoxelScene::new(&octree, &lattice, occluders);
+        let side = if occluders == Occluders::On { scene.leaf_side() / 4.0 } else { scene.leaf_side() };
+        let boxes = boxes(&octree, occluders);
+        let (mut hit_count, mut between_count) = (0, 0);
+        for index in 0..240 {
+            // A corner of some voxel, and a ray through it: along an axis, a diagonal of a plane, or of space.
+            let &(at, _) = &boxes[rng.below(boxes.len() as i64) as usize];
+            let through: [f64; 3] = std::array::from_fn(|a| corner[a] + f64::from(at[a]) * side);
+            let axes = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]][index % 3];
+            let turn = index / 3 % 3;
+            let sign = |a: usize| if (index / 9) >> a & 1 == 0 { 1.0 } else { -1.0 };
+            let direction = unit(std::array::from_fn(|a| axes[(a + turn) % 3] * sign(a)));
+            // Across it, and not along any diagonal of the grid.
+            let across = unit(cross(direction, [0.3, 0.5, 0.8]));
+            let other = cross(direction, across);
+            // From outside of all voxels.
+            let back = 600.0 * side;
+            let ray_at = |off: f64, angle: f64| {
+                let (sin, cos) = angle.sin_cos();
+                let shift = |a: usize| off * (cos * across[a] + sin * other[a]);
+                let origin = std::array::from_fn(|a| through[a] - back * direction[a] + shift(a));
+                Ray { origin, direction, t_max: 2.0 * back }
+            };
+            // Where the boxes begin that a ray beside it is in for long enough to be sure of.
+            let first = |ray: &Ray| {
+                let spans = boxes.iter().map(|&(at, _)| slab(ray, corner, at, side));
+                let sure = spans.filter(|(near, far)| far - near > 2e-3 * side && *near > 0.0);
+                sure.map(|(near, _)| near).fold(f64::INFINITY, f64::min)
+            };
+            let beside: Vec<f64> =
+                (0..12).map(|i| first(&ray_at(0.05 * side, f64::from(i) * 0.52))).collect();
+            let [least, most] = [f64::min, f64::max].map(|of| beside.iter().copied().reduce(of).unwrap());
+            let found = scene.intersect(&ray_at(0.0, 0.0)).map_or(f64::INFINITY, |hit| hit.t);
+            let slack = 0.5 * side;
+            let is_along_an_edge = index % 3 == 0;
+            assert!(
+                found >= least - slack && (found <= most + slack || !is_along_an_edge),
+                "{occluders:?}: {direction:?} through {through:?}: {found}, beside it {beside:?}"
+            );
+            hit_count += u32::from(most.is_finite() && is_along_an_edge);
+            between_count += u32::from(most.is_infinite() && least.is_finite());
+        }
+        assert!(
+            hit_count > 20 && between_count > 0,
+            "{occluders:?}: {hit_count} that have to hit, {between_count} that may"
+        );
+    }
+}
+
 /// Rays of all kinds: between points in and around the box, along axes, on boundaries of voxels, and such as are none.
 pub(crate) fn rays_of_all_kinds(built: &Built, octree: &UpperOctree, count: usize) -> Vec<Ray> {
     let block = built.file.superblock();

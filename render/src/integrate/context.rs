@@ -207,7 +207,7 @@ impl<'a> RenderContext<'a> {
             return Stage::Done;
         }
         path.throughput *= Vec3::from(material.ks);
-        if !path.survives() {
+        if !path.survives(true) {
             return Stage::Done;
         }
         path.vertex += 1;

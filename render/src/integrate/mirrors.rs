@@ -10,7 +10,7 @@
 //! Invariants: 1. the ray goes on by roulette, and over `BOUNCES_MAX` mirrors at most; 2. its roulette depends on
 //! the ray alone, so that it ends alike whether it is asked alone or among many.
 
-use super::roulette::{BOUNCES_MAX, survives};
+use super::roulette::{BOUNCES_MAX, MIRROR_CHANCE, survives};
 use crate::shading::light::Lights;
 use crate::trace::Ray;
 use glam::Vec3;
@@ -59,7 +59,7 @@ impl Mirrors {
         if !material.mirror || self.throughput.max_element() == 0.0 || self.count == self.most {
             return false;
         }
-        let goes_on = survives(&mut self.throughput, self.count, || number(ray, self.count));
+        let goes_on = survives(&mut self.throughput, self.count, MIRROR_CHANCE, || number(ray, self.count));
         self.count += 1;
         goes_on
     }

@@ -50,7 +50,7 @@ impl Integrator for PathTracing {
         let u = path.sampler.draw(Decision::Gather { vertex: path.vertex, index: 0, count: 1 });
         let Some(sample) = surface.bsdf(&ctx.world.materials).sample(u) else { return Stage::Done };
         path.throughput *= sample.weight;
-        if !path.survives() {
+        if !path.survives(sample.pdf.is_none()) {
             return Stage::Done;
         }
         path.vertex += 1;

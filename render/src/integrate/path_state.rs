@@ -7,7 +7,7 @@ use super::c_ray::AskedFar;
 use super::g_batch::Place;
 use super::mesh_rays::Start;
 use super::mirrors::Mirrors;
-use super::roulette::survives;
+use super::roulette::{MIRROR_CHANCE, SURFACE_CHANCE, survives};
 use crate::sampler::{Decision, Sampler};
 use crate::shading::surface::SurfaceInteraction;
 use crate::stats::{RayCounts, RayKind};
@@ -199,9 +199,10 @@ impl Path {
         }
     }
 
-    /// Decides whether the path goes on after its vertex: by roulette, with what it can still bring.
-    pub(crate) fn survives(&mut self) -> bool {
-        let (sampler, vertex) = (&self.sampler, self.vertex);
-        survives(&mut self.throughput, vertex, || sampler.draw(Decision::Roulette(vertex))[0])
+    /// Decides whether the path goes on after its vertex, a mirror or not: by roulette, with what it can still bring.
+    pub(crate) fn survives(&mut self, is_mirror: bool) -> bool {
+        let most = if is_mirror { MIRROR_CHANCE } else { SURFACE_CHANCE };
+        let draw = || self.sampler.draw(Decision::Roulette(self.vertex))[0];
+        survives(&mut self.throughput, self.vertex, most, draw)
     }
 }

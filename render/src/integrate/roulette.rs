@@ -6,18 +6,22 @@ use glam::Vec3;
 
 /// Bounces before roulette begins: most light comes by fewer, and has no noise by it.
 const BOUNCES_SURE: u32 = 4;
-/// Greatest chance to go on after that; ends halls of mirrors that lose no light.
-const ROULETTE_MAX: f32 = 0.95;
-/// Most bounces. By roulette one way in 400,000 gets so far; what it would still bring is lost.
-pub(super) const BOUNCES_MAX: u32 = 256;
+/// Greatest chance to go on after that off a mirror: ends halls of mirrors that lose no light.
+pub(super) const MIRROR_CHANCE: f32 = 0.95;
+/// And off other surfaces: at an albedo of 0.999 a path has a thousand bounces on average, and by a smaller chance the
+/// few that last would carry most of the light.
+pub(super) const SURFACE_CHANCE: f32 = 0.999;
+/// Most bounces. By roulette one way in 10^7 gets so far; what it would still bring is lost.
+pub(super) const BOUNCES_MAX: u32 = 1 << 14;
 
-/// Decides whether a way goes on after so many bounces, with what it can still bring; `number` gives one in [0, 1).
-pub(super) fn survives(throughput: &mut Vec3, bounces: u32, number: impl FnOnce() -> f32) -> bool {
+/// Decides whether a way goes on after so many bounces, with what it can still bring and at most this chance; `draw`
+/// gives a number in [0, 1).
+pub(super) fn survives(throughput: &mut Vec3, bounces: u32, most: f32, draw: impl FnOnce() -> f32) -> bool {
     if bounces < BOUNCES_SURE {
         return true;
     }
-    let chance = throughput.max_element().min(ROULETTE_MAX);
-    if bounces == BOUNCES_MAX || number() >= chance {
+    let chance = throughput.max_element().min(most);
+    if bounces == BOUNCES_MAX || draw() >= chance {
         return false;
     }
     *throughput *= 1.0 / chance;

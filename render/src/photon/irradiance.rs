@@ -243,3 +243,6 @@ impl PhotonPass {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,10 +8,10 @@
 //! ```
 //!
 //! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
-//! it has at most [`BOUNCES_MAX`] bounces; 4. a batch is handed over whole, in the order of photons and bounces,
+//! it ends by roulette alone; 4. a batch is handed over whole, in the order of photons and bounces,
 //! whatever was blocked, or not at all.
 
-use super::trace::{BOUNCES_MAX, Cargo, bounce, keeps_light, photon_sampler};
+use super::trace::{CHANCE_MAX, Cargo, bounce, keeps_light, photon_sampler};
 use crate::scene::world::World;
 use crate::shading::light::PhotonSources;
 use crate::shading::surface::{HitPoint, SurfaceInteraction};
@@ -31,10 +31,10 @@ const EMITTER_OFF_SHARE: f64 = 1.0 / (1 << 15) as f64;
 /// A photon starts off its emitter by this share of the largest coordinate, too: for the rounding of model
 /// coordinates.
 const MODEL_OFF_SHARE: f64 = 1.0 / (1u64 << 46) as f64;
-/// Bits of a deposit's key that number the bounce.
+/// Bits of a deposit's key that number the bounce: of those beyond, one photon in 10^22 has any, all are the last.
 const VERTEX_BITS: u32 = 7;
 
-const _: () = assert!(BOUNCES_MAX < 1 << VERTEX_BITS && BATCH << VERTEX_BITS <= 1 << 32);
+const _: () = assert!(BATCH << VERTEX_BITS <= 1 << 32);
 
 /// Flux that arrived at the mesh.
 #[derive(Clone, Copy, Debug)]
@@ -211,13 +211,9 @@ impl Batch<'_> {
             if keeps_light(bsdf.material) {
                 self.deposit(flight, &surface);
             }
-            let Some((direction, cargo)) = bounce(&bsdf, &sampler, flight.vertex, flight.cargo) else {
-                return Advance::Done;
-            };
+            let next = bounce(&bsdf, &sampler, (flight.vertex, CHANCE_MAX), flight.cargo);
+            let Some((direction, cargo)) = next else { return Advance::Done };
             flight.vertex += 1;
-            if flight.vertex > BOUNCES_MAX {
-                return Advance::Done;
-            }
             (flight.cargo, flight.ray) = (cargo, surface.ray_to(direction, f64::INFINITY, None));
         }
     }
@@ -228,7 +224,7 @@ impl Batch<'_> {
             return;
         }
         let SurfaceInteraction { point, normal, wo, .. } = *surface;
-        let key = flight.index << VERTEX_BITS | flight.vertex;
+        let key = flight.index << VERTEX_BITS | flight.vertex.min((1 << VERTEX_BITS) - 1);
         self.deposits.push(Deposit { key, point, normal, from: wo.as_vec3(), cargo: flight.cargo });
     }
 

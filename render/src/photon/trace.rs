@@ -2,7 +2,7 @@
 //! Paper, section 5.1; H. W. Jensen, "Realistic image synthesis using photon mapping" (2001).
 //!
 //! Invariants: 1. a photon is a function of (seed, index); 2. its flux times its chance is what the lights send; 3.
-//! it has at most [`BOUNCES_MAX`] bounces; 4. a pass counts whole or not at all.
+//! it ends by roulette alone; 4. a pass counts whole or not at all.
 
 use crate::sampler::{Decision, Sampler};
 use crate::shading::bsdf::Bsdf;
@@ -14,10 +14,13 @@ use trex_store::Material;
 
 /// Photons of a pass: few enough for changed light to be seen within a second, enough for the fold to cost little.
 pub(crate) const PASS_PHOTONS: u64 = 1 << 18;
-/// Most bounces of a photon: one in 10^11 gets so far.
-pub(crate) const BOUNCES_MAX: u32 = 64;
 /// Chance to go on after a hit, at most: three hits of a photon on average, as the paper has it.
-const ROULETTE_MAX: f32 = 2.0 / 3.0;
+pub(crate) const CHANCE_MAX: f32 = 2.0 / 3.0;
+/// In the voxels, where nothing is kept of a hit but its sum, photons of white rooms go on more often: by a chance
+/// below the square of what a surface reflects few would get far, and these would carry most of the light.
+pub(crate) const VOXEL_CHANCE: f32 = 0.95;
+/// Chance over that square, at least, below [`VOXEL_CHANCE`].
+const CHANCE_A_SQUARE: f32 = 1.1;
 /// Keeps photons apart from the pixels that use the same seed.
 const SEED_OF_PHOTONS: u64 = 0x7068_6f74_6f6e_7331;
 
@@ -64,17 +67,18 @@ impl Cargo {
     }
 }
 
-/// The direction and the cargo with which a photon goes on from its hit `vertex`; `None` at its end. `bsdf` is seen
-/// from where the photon came.
+/// The direction and the cargo with which a photon goes on from its hit `vertex`, at most by a chance; `None` at its
+/// end. `bsdf` is seen from where the photon came.
 pub(crate) fn bounce(
     bsdf: &Bsdf<'_>,
     sampler: &Sampler,
-    vertex: u32,
+    (vertex, chance_max): (u32, f32),
     cargo: Cargo,
 ) -> Option<(DVec3, Cargo)> {
     let u = sampler.draw(Decision::Gather { vertex, index: 0, count: 1 });
     let bounce = bsdf.sample(u)?;
-    let chance = bounce.weight.max_element().min(ROULETTE_MAX);
+    let weight = bounce.weight.max_element();
+    let chance = weight.min((CHANCE_A_SQUARE * weight * weight).clamp(CHANCE_MAX, chance_max));
     if sampler.draw(Decision::Roulette(vertex))[0] >= chance {
         return None;
     }

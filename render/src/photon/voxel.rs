@@ -13,7 +13,7 @@
 //! Invariants: those of `trace.rs`; and batches that were begun are ended, so that a stopped pass goes on where it was.
 
 use super::irradiance::{MapForm, PhotonMap, PhotonPass};
-use super::trace::{BOUNCES_MAX, Cargo, PASS_PHOTONS, bounce, keeps_light, photon_sampler, send_in_passes};
+use super::trace::{Cargo, PASS_PHOTONS, VOXEL_CHANCE, bounce, keeps_light, photon_sampler, send_in_passes};
 use crate::g_stage::{CpuStage, GCall, GNeeds, GRays, GStage, GUnits, GView};
 use crate::sampler::Sampler;
 use crate::scene::world::World;
@@ -198,7 +198,7 @@ impl VoxelPhotons<'_> {
                 flock.photons.push((photon, ray, 0.0));
             }
         }
-        for vertex in 0..=BOUNCES_MAX {
+        for vertex in 0.. {
             stats.rays += flock.photons.len() as u64;
             self.ask(flock);
             let Flock { photons, rays } = &mut *flock;
@@ -262,7 +262,7 @@ impl VoxelPhotons<'_> {
             stats.deposits += 1;
         }
         let direction;
-        (direction, photon.cargo) = bounce(&bsdf, &photon.sampler, vertex, photon.cargo)?;
+        (direction, photon.cargo) = bounce(&bsdf, &photon.sampler, (vertex, VOXEL_CHANCE), photon.cargo)?;
         Some(self.voxels.ray_from_leaf(&hit, direction))
     }
 }
