@@ -14,7 +14,8 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Duration;
 use trex_bench::model::Model;
-use trex_render::{AllResident, Answer, Camera, PagedMesh, Ray, Tracer};
+use trex_bench::view_rays::{SUN, camera_rays, shadow_rays};
+use trex_render::{AllResident, PagedMesh, Ray, Tracer};
 use trex_store::build::Voxels;
 use trex_store::{Budget, PageFile};
 
@@ -25,37 +26,16 @@ const MODELS: [(&str, &str); 3] =
 const PICTURE_SIDE: u32 = 128;
 /// Passes over all tests.
 const SAMPLES: usize = 20;
-/// Direction of shadow rays: of unit length, along no axis.
-const SUN: [f64; 3] = [0.36, 0.8, 0.48];
 
 fn built(model: &str) -> Arc<PageFile> {
     let model = Model::for_bench(model, Voxels::None, std::env::temp_dir());
     Arc::new(PageFile::open(&model.path, &Budget::unlimited()).expect("a page file"))
 }
 
-/// A ray through each pixel of a picture of the whole model, along rows.
-fn rays(file: &PageFile) -> Vec<Ray> {
-    let size = [PICTURE_SIDE; 2];
-    let camera = Camera::framing(&file.superblock().bounds, size, None, None);
-    let projection = camera.project(size).expect("a picture");
-    let pixels = (0..PICTURE_SIDE).flat_map(|y| (0..PICTURE_SIDE).map(move |x| [x, y]));
-    pixels.map(|[x, y]| projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5)).collect()
-}
-
-/// Rays from the surfaces that `rays` meet, just off them, in one direction: the three kinds of a shadow ray.
+/// The three kinds of a shadow ray, from the surfaces that `rays` meet.
 fn tolls(file: &PageFile, mesh: &mut impl Tracer, rays: &[Ray]) -> [(&'static str, Vec<Ray>); 3] {
-    let bounds = file.superblock().bounds;
-    let size = (0..3).map(|a| bounds.hi[a] - bounds.lo[a]).fold(0.0f64, f64::max);
-    let shadow: Vec<Ray> = rays
-        .iter()
-        .filter_map(|ray| {
-            let Answer::Exact(Some(hit)) = mesh.intersect(ray) else { return None };
-            let towards = (0..3).map(|a| f64::from(hit.normal[a]) * ray.direction[a]).sum::<f64>();
-            let off = -1e-6 * size * towards.signum();
-            let at = |a: usize| ray.origin[a] + hit.t * ray.direction[a] + off * f64::from(hit.normal[a]);
-            Some(Ray { origin: [at(0), at(1), at(2)], direction: SUN, t_max: f64::INFINITY })
-        })
-        .collect();
+    let size = file.superblock().bounds.diagonal();
+    let shadow = shadow_rays(file, mesh, rays);
     let at_once = shadow.iter().map(|ray| Ray { t_max: 1e-9 * size, ..*ray }).collect();
     let aside = |ray: &Ray| Ray { origin: [0, 1, 2].map(|a| ray.origin[a] + 4.0 * size * SUN[a]), ..*ray };
     let beside = shadow.iter().map(aside).collect();
@@ -65,7 +45,7 @@ fn tolls(file: &PageFile, mesh: &mut impl Tracer, rays: &[Ray]) -> [(&'static st
 fn traversal(criterion: &mut Criterion) {
     for (name, model) in MODELS {
         let file = built(model);
-        let (pages, rays) = (AllResident::load(&file), rays(&file));
+        let (pages, rays) = (AllResident::load(&file), camera_rays(&file, PICTURE_SIDE));
         let mut group = criterion.benchmark_group(format!("traversal/{name}"));
         group.sample_size(SAMPLES).measurement_time(Duration::from_secs(3));
 

@@ -9,15 +9,14 @@
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
-use trex_render::{AllResident, Answer, Camera, PagedMesh, Ray, Tracer};
+use trex_bench::view_rays::{camera_rays, shadow_rays};
+use trex_render::{AllResident, Answer, PagedMesh, Tracer};
 use trex_store::layout::FRAME_BYTES;
 use trex_store::pool::PageStore;
 use trex_store::{Budget, PageFile};
 
 /// Pixels along a side of the picture from which rays come.
 const SIDE: u32 = 256;
-/// Direction of shadow rays: of unit length, along no axis.
-const SUN: [f64; 3] = [0.36, 0.8, 0.48];
 
 /// What callgrind collects.
 #[inline(never)]
@@ -25,29 +24,12 @@ fn measured(work: &mut dyn FnMut() -> u64) -> u64 {
     work()
 }
 
-/// From what `rays` meet, just off it, in one direction.
-fn shadow_rays(file: &PageFile, mesh: &mut impl Tracer, rays: &[Ray]) -> Vec<Ray> {
-    let off = 1e-6 * file.superblock().bounds.diagonal();
-    let shadow = |ray: &Ray| {
-        let Answer::Exact(Some(hit)) = mesh.intersect(ray) else { return None };
-        let towards = (0..3).map(|a| f64::from(hit.normal[a]) * ray.direction[a]).sum::<f64>();
-        let at = |a: usize| {
-            ray.origin[a] + hit.t * ray.direction[a] - off * towards.signum() * f64::from(hit.normal[a])
-        };
-        Some(Ray { origin: [at(0), at(1), at(2)], direction: SUN, t_max: f64::INFINITY })
-    };
-    rays.iter().filter_map(shadow).collect()
-}
-
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [path, step] = arguments.as_slice() else { panic!("usage: counts FILE STEP") };
     let file = Arc::new(PageFile::open(Path::new(path), &Budget::unlimited()).expect("a page file"));
     let pages = AllResident::load(&file);
-    let camera = Camera::framing(&file.superblock().bounds, [SIDE; 2], None, None);
-    let projection = camera.project([SIDE; 2]).expect("a picture");
-    let pixels = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| [x, y].map(|v| f64::from(v) + 0.5)));
-    let rays: Vec<Ray> = pixels.map(|[x, y]| projection.ray(x, y)).collect();
+    let rays = camera_rays(&file, SIDE);
 
     let mut mesh = PagedMesh::new(&file, &pages);
     let mut answers = Vec::with_capacity(rays.len());

@@ -40,6 +40,8 @@ enum Verb {
     Build(workload::BuildArgs),
     /// What a viewer shows of a picture of few samples, and the time of its filter
     Smooth(workload::SmoothArgs),
+    /// Pages that the pool's clock reads, beside LRU and the optimum, while views change
+    Eviction(workload::EvictionArgs),
     /// Medians of the criterion benches of a model, as they were measured last
     Estimates {
         /// Where criterion keeps them
@@ -84,6 +86,7 @@ fn main() -> anyhow::Result<ExitCode> {
         Verb::Io(args) => workload::io(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Build(args) => workload::build(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Smooth(args) => workload::smooth(&args, &command_line()).map(|()| ExitCode::SUCCESS),
+        Verb::Eviction(args) => workload::eviction(&args, &command_line()).map(|()| ExitCode::SUCCESS),
         Verb::Estimates { folder, model } => {
             let estimates = estimates::read(&root.join(folder), &model)?;
             writeln!(io::stdout().lock(), "{}", serde_json::to_string(&estimates)?)?;

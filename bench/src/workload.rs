@@ -1,19 +1,25 @@
-//! The verbs `rays`, `io`, `build` and `smooth` of `trex-bench`: flags to options, figures to one JSON document.
+//! The verbs `rays`, `io`, `build`, `smooth` and `eviction` of `trex-bench`: flags to options, figures to one JSON
+//! document.
 //!
 //! The command `trex` has the first three as `trex bench`, without peers.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use std::fs;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use trex_bench::building;
+use trex_bench::eviction;
 use trex_bench::model::{Model, Surroundings};
 use trex_bench::page_io::{self, PageIoOptions};
 use trex_bench::rays::{self, Peer, RayOptions};
 use trex_bench::smooth::{self, MAX_SAMPLES, SmoothOptions};
+use trex_bench::stress::{Scenario, StressOptions};
+use trex_render::{Camera, parse_views};
 use trex_store::io::IoOptions;
-use trex_store::{Budget, Interrupt};
+use trex_store::{Budget, Interrupt, PageFile};
 
 /// Flags of all.
 #[derive(Debug, Args)]
@@ -75,18 +81,20 @@ pub(crate) struct IoArgs {
     /// Seed of the order of pages
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Read the same extents with fio, too, in turns
+    /// Read the same extents by others, too, in turns
     #[arg(long, value_enum, value_name = "NAME")]
-    peer: Option<IoPeer>,
+    peer: Vec<IoPeer>,
     #[command(flatten)]
     common: CommonArgs,
 }
 
 /// `--peer` of `io`.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum IoPeer {
     /// fio, as installed
     Fio,
+    /// A mapping of the file, touched by threads
+    Mmap,
 }
 
 /// `trex-bench build`
@@ -112,6 +120,27 @@ pub(crate) struct SmoothArgs {
     #[command(flatten)]
     common: CommonArgs,
 }
+
+/// `trex-bench eviction`
+#[derive(Debug, Args)]
+pub(crate) struct EvictionArgs {
+    /// A page file, or gen:KIND:COUNT[:SEED]
+    model: String,
+    /// What is done to it
+    #[arg(long, value_enum, value_name = "NAME", default_value = "flip")]
+    scenario: Scenario,
+    /// Viewpoints, one after the other
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    switches: u32,
+    /// Viewpoints of your own, as `trex stress` takes them
+    #[arg(long, value_name = "VIEWS.toml")]
+    views: Option<PathBuf>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Longest that a view of `eviction` is held: until it is complete.
+const HOLD: Duration = Duration::from_secs(60);
 
 impl CommonArgs {
     fn surroundings(&self) -> Surroundings {
@@ -149,7 +178,8 @@ pub(crate) fn io(args: &IoArgs, command: &str) -> anyhow::Result<()> {
         depths: args.depth.iter().map(|&depth| usize::from(depth)).collect(),
         rounds: usize::from(args.common.rounds),
         seed: args.seed,
-        fio: args.peer.is_some(),
+        fio: args.peer.contains(&IoPeer::Fio),
+        mapped: args.peer.contains(&IoPeer::Mmap),
     };
     tell("bench-io", command, &page_io::run(&model, &options, &around)?)
 }
@@ -169,6 +199,30 @@ pub(crate) fn smooth(args: &SmoothArgs, command: &str) -> anyhow::Result<()> {
         rounds: usize::from(args.common.rounds),
     };
     tell("bench-smooth", command, &smooth::run(&options, &args.common.surroundings())?)
+}
+
+/// Runs `trex-bench eviction`.
+pub(crate) fn eviction(args: &EvictionArgs, command: &str) -> anyhow::Result<()> {
+    let around = args.common.surroundings();
+    let model = Model::open(&args.model, &around)?;
+    let views = args.views.as_deref().map(|views| read_views(views, &model.path)).transpose()?;
+    let options = StressOptions {
+        scenario: args.scenario,
+        switches: args.switches,
+        hold: HOLD,
+        seed: 1,
+        views: views.unwrap_or_default(),
+        fills: true,
+        requirements: vec![],
+    };
+    tell("bench-eviction", command, &eviction::run(&model, &options, &around)?)
+}
+
+/// The viewpoints of a file, otherwise like a camera that frames the model.
+fn read_views(path: &Path, model: &Path) -> anyhow::Result<Vec<Camera>> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let framing = Camera::framing(&PageFile::superblock_of(model)?.bounds, [1; 2], None, None);
+    Ok(parse_views(&text, &framing).map_err(|error| error.at(path))?)
 }
 
 #[cfg(feature = "peer-embree")]

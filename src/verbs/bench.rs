@@ -53,6 +53,7 @@ fn run_io(args: &BenchIoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         rounds: usize::from(args.rounds),
         seed: args.seed,
         fio: false,
+        mapped: false,
     };
     let figures = page_io::run(&model, &options, &around)?;
     ctx.done(&IoBenchReport { figures, memory: Memory::new(&ctx.budget) })

@@ -6,6 +6,7 @@
 mod bench;
 mod beside;
 mod build;
+mod campaign;
 mod command_line;
 mod damage;
 mod demo;

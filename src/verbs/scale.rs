@@ -1,5 +1,6 @@
 //! `trex bench scale`: what models of rising size cost, and how each cost grows.
 
+use super::campaign::campaign;
 use crate::args::BenchScaleArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -7,30 +8,24 @@ use crate::memory::Memory;
 use crate::size;
 use serde::Serialize;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
-use trex_bench::scale::{self, Around, MEASURES, ModelCost, ScaleFigures, ScaleOptions};
-use trex_store::{Error, Progress};
+use trex_bench::scale::{self, MEASURES, ModelCost, ScaleFigures, ScaleOptions};
 
 /// Runs `trex bench scale`.
 pub fn run(args: &BenchScaleArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    let program = std::env::current_exe()
-        .map_err(|error| Error::io("find the command itself", Path::new("/proc/self/exe"), &error))?;
-    let options = ScaleOptions {
-        program,
-        models: args.models.clone(),
-        folder: args.output.clone(),
-        resolution: [args.resolution.width, args.resolution.height],
-        switches: args.switches,
-        views_limit_bytes: args.views_limit.0,
-        rounds: usize::from(args.rounds),
-    };
-    let tell = |done, total| {
-        let memory_bytes = ctx.budget.used_bytes();
-        ctx.report()(Progress { phase: "scale", done, total, unit: "models", memory_bytes });
-    };
-    let around = Around { budget: &ctx.budget, interrupt: &ctx.interrupt, tell: &tell };
-    let figures = scale::run(&options, &around)?;
+    let figures = campaign(ctx, "scale", "models", |program, around| {
+        let options = ScaleOptions {
+            program,
+            models: args.models.clone(),
+            folder: args.output.clone(),
+            resolution: [args.resolution.width, args.resolution.height],
+            switches: args.switches,
+            views_limit_bytes: args.views_limit.0,
+            rounds: usize::from(args.rounds),
+        };
+        scale::run(&options, around)
+    })?;
     ctx.done(&ScaleReport { figures, folder: args.output.clone(), memory: Memory::new(&ctx.budget) })
 }
 

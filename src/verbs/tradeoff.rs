@@ -1,5 +1,6 @@
 //! `trex bench tradeoff`: pictures for each turn of each knob, and which of them no other beats.
 
+use super::campaign::campaign;
 use crate::args::BenchTradeoffArgs;
 use crate::context::Context;
 use crate::failure::Exit;
@@ -7,29 +8,23 @@ use crate::memory::Memory;
 use crate::size;
 use serde::Serialize;
 use std::fmt;
-use std::path::{Path, PathBuf};
-use trex_bench::tradeoff::{self, Around, PointFigures, TradeoffFigures, TradeoffOptions};
-use trex_store::{Error, Progress};
+use std::path::PathBuf;
+use trex_bench::tradeoff::{self, PointFigures, TradeoffFigures, TradeoffOptions};
 
 /// Runs `trex bench tradeoff`.
 pub fn run(args: &BenchTradeoffArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    let program = std::env::current_exe()
-        .map_err(|error| Error::io("find the command itself", Path::new("/proc/self/exe"), &error))?;
-    let options = TradeoffOptions {
-        program,
-        input: args.input.clone(),
-        folder: args.output.clone(),
-        resolution: [args.resolution.width, args.resolution.height],
-        reference_spp: args.reference_spp,
-        knobs: args.knobs.clone(),
-        rounds: usize::from(args.rounds),
-    };
-    let tell = |done, total| {
-        let memory_bytes = ctx.budget.used_bytes();
-        ctx.report()(Progress { phase: "tradeoff", done, total, unit: "pictures", memory_bytes });
-    };
-    let around = Around { budget: &ctx.budget, interrupt: &ctx.interrupt, tell: &tell };
-    let figures = tradeoff::run(&options, &around)?;
+    let figures = campaign(ctx, "tradeoff", "pictures", |program, around| {
+        let options = TradeoffOptions {
+            program,
+            input: args.input.clone(),
+            folder: args.output.clone(),
+            resolution: [args.resolution.width, args.resolution.height],
+            reference_spp: args.reference_spp,
+            knobs: args.knobs.clone(),
+            rounds: usize::from(args.rounds),
+        };
+        tradeoff::run(&options, around)
+    })?;
     ctx.done(&TradeoffReport { figures, folder: args.output.clone(), memory: Memory::new(&ctx.budget) })
 }
 

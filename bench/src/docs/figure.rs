@@ -9,6 +9,9 @@ use crate::record::Record;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
+/// Ends the key of how far the runs of a value are apart.
+const SPREAD: &str = ".spread";
+
 /// Runs that agree in name, command, machine and commit.
 #[derive(Clone, Debug)]
 pub(super) struct Figure {
@@ -16,13 +19,21 @@ pub(super) struct Figure {
     pub(super) record: Record,
     /// How many runs.
     pub(super) run_count: usize,
+    /// Greatest less least number of the runs, over their median; of several runs.
+    spreads: BTreeMap<String, f64>,
 }
 
 impl Figure {
-    /// A value as a number; of `KEY/KEY` the quotient.
+    /// A value as a number; of `KEY/KEY` the quotient, of `KEY+KEY` the sum, of `KEY.spread` how far runs are apart.
     pub(super) fn number(&self, key: &str) -> Option<f64> {
+        if let Some(key) = key.strip_suffix(SPREAD) {
+            return self.spreads.get(key).copied();
+        }
         if let Some((over, under)) = key.split_once('/') {
             return Some(self.number(over)? / self.number(under)?);
+        }
+        if let Some((one, others)) = key.split_once('+') {
+            return Some(self.number(one)? + self.number(others)?);
         }
         self.record.values.get(key)?.as_f64()
     }
@@ -85,13 +96,19 @@ fn figure_of(mut runs: Vec<Record>) -> Figure {
     runs.retain(|run| {
         (&run.command, &run.machine, &run.commit) == (&last.command, &last.machine, &last.commit)
     });
+    let mut spreads = BTreeMap::new();
     for (key, value) in &mut last.values {
         let Some(number) = value.as_f64() else { continue };
         let others = runs.iter().filter_map(|run| run.values.get(key)?.as_f64());
         let numbers: Vec<f64> = others.chain([number]).collect();
-        *value = median(&numbers).into();
+        let middle = median(&numbers);
+        if numbers.len() > 1 && middle != 0.0 {
+            let ends = numbers.iter().fold([number; 2], |[lo, hi], x| [lo.min(*x), hi.max(*x)]);
+            spreads.insert(key.clone(), (ends[1] - ends[0]) / middle.abs());
+        }
+        *value = middle.into();
     }
-    Figure { record: last, run_count: runs.len() + 1 }
+    Figure { record: last, run_count: runs.len() + 1, spreads }
 }
 
 /// The figures whose name fits one of `patterns`, which commas part, in order of name.
@@ -127,6 +144,7 @@ enum Unit {
     Nanoseconds,
     PerSecond,
     Count,
+    Share,
     Plain,
 }
 
@@ -137,7 +155,9 @@ impl Unit {
             let ends =
                 |unit: &str| part == unit || part.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
             // What is told at times: `error_at_ms.33` is no time.
-            if part.ends_with("_at_ms") {
+            if part == &SPREAD[1..] {
+                Some(Unit::Share)
+            } else if part.ends_with("_at_ms") {
                 Some(Unit::Plain)
             } else if ends("bytes") {
                 Some(Unit::Bytes)
@@ -167,6 +187,7 @@ fn with_unit(number: f64, key: &str) -> String {
         Unit::Nanoseconds => scaled(number, 1000.0, &["ns", "us", "ms", "s"]),
         Unit::PerSecond => scaled(number, 1000.0, &["/s", "k/s", "M/s", "G/s"]),
         Unit::Count => scaled(number, 1000.0, &["", "k", "M", "G"]),
+        Unit::Share => scaled(100.0 * number, f64::INFINITY, &["%"]),
         Unit::Plain => scaled(number, f64::INFINITY, &[""]),
     }
 }
@@ -203,7 +224,9 @@ mod tests {
             (12_340.0, "time_ms", "12.3 s"),
             (2_508_643_681.0, "g_stage.time_ns", "2.51 s"),
             (1_234_567.0, "rays_per_s.primary", "1.23 M/s"),
+            (1_234_567.0, "rays_per_s.primary+rays_per_s.shadow", "1.23 M/s"),
             (1_234_567.0, "primary.per_core_s", "1.23 M/s"),
+            (0.0421, "time_ms.spread", "4.21 %"),
             (5_000_000.0, "triangle_count", "5.00 M"),
             (999.0, "triangle_count", "999"),
             (4.021, "bytes_per_triangle.disk", "4.02"),

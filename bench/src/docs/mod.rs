@@ -17,9 +17,10 @@
 //! <!-- end -->
 //! ```
 //!
-//! A pattern is a record's name; one `*` in it stands for anything. A key may be a quotient, `KEY/KEY`. Runs of one
-//! name that agree in command, machine and commit are one figure, their median; of several such groups the latest
-//! counts. A table, a plot or a list of commands that no record fits is absent, with what `say` has to say of it.
+//! A pattern is a record's name; one `*` in it stands for anything. A key may be a quotient, `KEY/KEY`, or a sum,
+//! `KEY+KEY`. Runs of one name that agree in command, machine and commit are one figure, their median; of several such
+//! groups the latest counts. `KEY.spread` is the greatest less the least of these runs, over their median. A table, a
+//! plot or a list of commands that no record fits is absent, with what `say` has to say of it.
 //!
 //! Invariants: 1. the same records and pages give the same bytes; 2. running twice changes nothing; 3. a marker
 //! that cannot be understood is an error with path and line, never passed over, and so is a figure without a record;

@@ -112,7 +112,11 @@ impl<'a> Page<'a> {
     fn comparison(&mut self, marker: &str) -> anyhow::Result<String> {
         let comparison = Comparison::parse(marker)?;
         let is_recorded = |name: &String| self.figures.iter().any(|figure| figure.record.name == *name);
-        self.shown.extend(comparison.names().filter(is_recorded));
+        let recorded: Vec<String> = comparison.names().filter(is_recorded).collect();
+        if recorded.is_empty() {
+            return Ok(String::new());
+        }
+        self.shown.extend(recorded);
         comparison.render(self.figures)
     }
 

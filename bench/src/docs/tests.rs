@@ -33,7 +33,8 @@ fn checkout(page: &str, records: &[Record]) -> tempfile::TempDir {
     root
 }
 
-const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s=\"Speed of it\" -->\nold\n\
+const PAGE: &str = "# Speed\n\n<!-- record:build-* triangle_count triangles_per_s=\"Speed of it\" \
+    triangles_per_s.spread=\"Spread\" -->\nold\n\
     <!-- end -->\n\
     text\n<!-- plot:speed build-* x=triangle_count y=triangles_per_s -->\n<!-- end -->\n\
     <!-- commands:build-* -->\n<!-- end -->\nlast\n";
@@ -48,8 +49,8 @@ fn tables_and_plots_stand_between_their_markers() {
     let page = fs::read_to_string(root.path().join("docs/page.md")).unwrap();
     assert!(page.starts_with("# Speed\n") && page.ends_with("<!-- end -->\nlast\n"), "{page}");
     assert!(!page.contains("old"), "{page}");
-    assert!(page.contains("| | triangles | Speed of it |\n"), "{page}");
-    assert!(page.contains("| a | 10.0 k | 2.00 M/s |\n| b |"), "{page}");
+    assert!(page.contains("| | triangles | Speed of it | Spread |\n"), "{page}");
+    assert!(page.contains("| a | 10.0 k | 2.00 M/s | 100 % |\n| b |"), "{page}");
     assert!(page.contains("\n\nTest CPU, 2 cores, 4.0 GiB, Linux 6.\n"), "{page}");
     assert!(page.contains("Commit abc, 2026-01-01; Test CPU"), "{page}");
     assert!(
@@ -108,18 +109,33 @@ fn a_table_without_records_is_absent_with_its_words() {
 fn figures_stand_in_sentences_of_pages_and_of_the_readme() {
     let page = "fast: <!-- figure:build-a triangles_per_s -->old<!-- -->, \
                 <!-- figure:build-* triangle_count -->old<!-- --> each, \
-                <!-- figure:build-b triangles_per_s/triangle_count -->old<!-- --> of it\n\
+                <!-- figure:build-b triangles_per_s/triangle_count -->old<!-- --> of it, \
+                <!-- figure:build-a triangle_count+triangle_count -->old<!-- --> of both\n\
                 <!-- commands:build-* -->\n<!-- end -->\n";
     let root = checkout(page, &[record("build-a", 10_000, 1e6), record("build-b", 20_000, 3e6)]);
     fs::write(root.path().join(README), "It makes <!-- figure:build-a triangles_per_s --><!-- -->.\n")
         .unwrap();
     write(root.path()).unwrap();
     let page = fs::read_to_string(root.path().join("docs/page.md")).unwrap();
-    for text in ["-->1.00 M/s<!-- -->, ", "-->10.0 k to 20.0 k<!-- --> each", "-->150<!-- --> of it"] {
+    for text in [
+        "-->1.00 M/s<!-- -->, ",
+        "-->10.0 k to 20.0 k<!-- --> each",
+        "-->150<!-- --> of it",
+        "-->20.0 k<!-- --> of both",
+    ] {
         assert!(page.contains(text), "{page}");
     }
     let readme = fs::read_to_string(root.path().join(README)).unwrap();
     assert_eq!(readme, "It makes <!-- figure:build-a triangles_per_s -->1.00 M/s<!-- -->.\n");
+}
+
+#[test]
+fn models_without_records_have_no_table() {
+    let page = "<!-- compare:a=\"Model A\" build-*:triangles_per_s=\"Speed\" -->\nold\n<!-- end -->\nafter\n";
+    let root = checkout(page, &[]);
+    write(root.path()).unwrap();
+    let page = fs::read_to_string(root.path().join("docs/page.md")).unwrap();
+    assert!(!page.contains("| |") && !page.contains("old") && page.ends_with("-->\nafter\n"), "{page}");
 }
 
 #[test]

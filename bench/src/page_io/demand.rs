@@ -3,7 +3,8 @@
 //!
 //! Invariant: a page that is waited for is not among those that are asked for ahead: all of them come from the disk.
 
-use super::{Clock, Pages};
+use super::clock::Clock;
+use super::pages::Pages;
 use hdrhistogram::Histogram;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

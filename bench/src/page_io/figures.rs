@@ -23,7 +23,7 @@ pub struct PageIoFigures {
     /// Measured rounds.
     pub round_count: usize,
     /// Every way: key is `uring`, `uring_cached`, `pread`, `mmap` (raw), `hashed`, `traceable`, `ready`,
-    /// `waited`, `waited_busy` or `fio`, and the depth.
+    /// `waited`, `waited_busy`, `fio`, `mapped`, `mapped_random` or `mapped_populate`, and the depth.
     pub ways: BTreeMap<String, WayFigures>,
 }
 
@@ -48,7 +48,7 @@ pub enum ReadStage {
 /// Figures of a way.
 #[derive(Clone, Debug, Serialize)]
 pub struct WayFigures {
-    /// `uring`, `pread`, `mmap`, or `fio`.
+    /// `uring`, `pread`, `mmap`, `fio`, or a mapping.
     pub backend: String,
     /// Past the page cache.
     pub direct: bool,

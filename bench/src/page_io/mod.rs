@@ -7,43 +7,44 @@
 //! ready      traceable -> all clusters unpacked         and none is left to unpack
 //! waited     traceable, one after the other; busy: while more pages are asked for ahead than the pool queues
 //! fio        the same extents, in the same order        somebody else's reads, aligned to 4096 bytes
+//! mapped     the same, from a mapping, by its threads   as programs do that leave it all to the system
 //! ```
 //!
 //! Invariants: 1. a round reads the same pages in the same order in every way; 2. before each the system is asked to
 //! drop the file from its cache; 3. ways take turns; figures are medians over rounds.
 
+mod clock;
 mod demand;
 mod figures;
 mod fio;
+mod mapped;
+mod pages;
 mod unpack;
 
 pub use figures::{LatencyFigures, PageIoFigures, ReadStage, WayFigures};
+
+use clock::Clock;
+use mapped::MapTouch;
+use pages::Pages;
 
 use crate::full_pool;
 use crate::median::median;
 use crate::model::{Model, Surroundings};
 use anyhow::{Context, ensure};
 use hdrhistogram::Histogram;
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::{Rng, SeedableRng};
-use rustix::fs::{Advice, fadvise};
-use rustix::time::{ClockId, clock_gettime};
-use std::fs::File;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trex_store::PageFile;
 use trex_store::io::{
-    DirectChoice, Extent, IoChoice, IoOptions, Reader, StagingBuffer, Wait, open, staging_bytes_for,
+    DirectChoice, IoChoice, IoOptions, Reader, StagingBuffer, Wait, open, staging_bytes_for,
 };
-use trex_store::layout::{FRAME_BYTES, PageKind, STORED_BYTES, page_hash};
+use trex_store::layout::{FRAME_BYTES, STORED_BYTES};
 use trex_store::pool::{PagePool, PoolOptions};
 
 /// Longest latency that is told apart, microseconds.
 const LATENCY_MOST_US: u64 = 3_600_000_000;
 /// Pages over the frames that there are where some are waited for.
 const PAGES_A_FRAME: usize = 4;
-/// Pages of a round, at most.
-const PAGES_MOST: usize = 1 << 14;
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -56,6 +57,8 @@ pub struct PageIoOptions {
     pub seed: u64,
     /// Read the same extents with fio, too, which must be installed.
     pub fio: bool,
+    /// Read them from a mapping of the file, too, as programs do that leave memory to the system.
+    pub mapped: bool,
 }
 
 /// A way to read, and what its rounds gave.
@@ -72,13 +75,7 @@ struct Way {
 enum Kind {
     Ours(ReadStage, IoChoice, DirectChoice),
     Fio,
-}
-
-/// The pages of a round.
-struct Pages<'a> {
-    file: &'a Arc<PageFile>,
-    order: Vec<u32>,
-    extents: Vec<Extent>,
+    Mapped(MapTouch),
 }
 
 /// Measures `model`.
@@ -90,7 +87,7 @@ pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> any
     ensure!(options.rounds > 0 && options.depths.iter().all(|&depth| depth > 0), "a median takes a round");
     let file = Arc::new(PageFile::open(&model.path, &around.budget)?);
     let pages = Pages::new(&file, options.seed);
-    let mut ways: Vec<Way> = options.depths.iter().flat_map(|&depth| Way::all(depth, options.fio)).collect();
+    let mut ways: Vec<Way> = options.depths.iter().flat_map(|&depth| Way::all(depth, options)).collect();
     // One round more, which is not measured.
     for round in 0..=options.rounds {
         for way in &mut ways {
@@ -126,38 +123,6 @@ pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> any
     })
 }
 
-impl<'a> Pages<'a> {
-    /// Pages of the mesh in an order by chance, no more than a round has.
-    fn new(file: &'a Arc<PageFile>, seed: u64) -> Pages<'a> {
-        let mut order: Vec<u32> = (0..)
-            .zip(file.pages())
-            .filter(|(_, entry)| entry.kind == PageKind::Mesh)
-            .map(|(page, _)| page)
-            .collect();
-        let mut rng = Pcg64::seed_from_u64(seed);
-        for i in (1..order.len()).rev() {
-            order.swap(i, (rng.next_u64() % (i as u64 + 1)) as usize);
-        }
-        order.truncate(PAGES_MOST);
-        let extent = |&page: &u32| {
-            let entry = &file.pages()[page as usize];
-            Extent { offset: entry.offset, stored_bytes: entry.stored_bytes }
-        };
-        Pages { file, extents: order.iter().map(extent).collect(), order }
-    }
-
-    /// Asks the system to forget the file.
-    fn forget(&self) -> anyhow::Result<()> {
-        let file = File::open(self.file.path())?;
-        fadvise(&file, 0, None, Advice::DontNeed).context("the cache of the file cannot be dropped")
-    }
-
-    fn is_sound(&self, place: usize, stored: &[u8]) -> bool {
-        let page = self.order[place];
-        page_hash(stored, self.file.superblock().file_id, page) == self.file.pages()[page as usize].hash
-    }
-}
-
 /// What a round read, and the time that it took: of the wall, and of the processors.
 struct Round {
     pages: usize,
@@ -165,32 +130,15 @@ struct Round {
     cpu: Duration,
 }
 
-/// Wall time, and processor time of all threads of this process.
-struct Clock(Instant, Duration);
-
-impl Clock {
-    fn start() -> Clock {
-        Clock(Instant::now(), Clock::process_time())
-    }
-
-    fn spent(&self) -> (Duration, Duration) {
-        (self.0.elapsed(), Clock::process_time() - self.1)
-    }
-
-    fn process_time() -> Duration {
-        let now = clock_gettime(ClockId::ProcessCPUTime);
-        Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
-    }
-}
-
 impl Way {
     /// All ways at a depth.
-    fn all(depth: usize, fio: bool) -> Vec<Way> {
+    fn all(depth: usize, options: &PageIoOptions) -> Vec<Way> {
         use DirectChoice::{Auto, Off};
         let reads =
             [(IoChoice::Uring, Auto), (IoChoice::Uring, Off), (IoChoice::Pread, Auto), (IoChoice::Mmap, Off)];
         let mut kinds = vec![Kind::Fio];
-        kinds.retain(|_| fio);
+        kinds.retain(|_| options.fio);
+        kinds.extend(MapTouch::ALL.into_iter().filter(|_| options.mapped).map(Kind::Mapped));
         kinds.extend(reads.map(|(io, direct)| Kind::Ours(ReadStage::Raw, io, direct)));
         kinds.push(Kind::Ours(ReadStage::Hashed, IoChoice::Auto, Auto));
         let of_pool = [ReadStage::Traceable, ReadStage::Ready, ReadStage::Waited, ReadStage::WaitedBusy];
@@ -201,7 +149,10 @@ impl Way {
             rates: Vec::new(),
             cpu_us: Vec::new(),
             latencies: Histogram::new_with_max(LATENCY_MOST_US, 3).expect("three digits"),
-            backend: ("fio".to_owned(), true),
+            backend: match kind {
+                Kind::Mapped(_) => ("a mapping".to_owned(), false),
+                _ => ("fio".to_owned(), true),
+            },
         };
         kinds.into_iter().map(way).collect()
     }
@@ -210,6 +161,9 @@ impl Way {
     fn name(&self) -> String {
         let name = match self.kind {
             Kind::Fio => "fio",
+            Kind::Mapped(MapTouch::Faults) => "mapped",
+            Kind::Mapped(MapTouch::RandomFaults) => "mapped_random",
+            Kind::Mapped(MapTouch::Populate) => "mapped_populate",
             Kind::Ours(ReadStage::Hashed, ..) => "hashed",
             Kind::Ours(ReadStage::Traceable, ..) => "traceable",
             Kind::Ours(ReadStage::Ready, ..) => "ready",
@@ -229,6 +183,7 @@ impl Way {
         let all = pages.order.len();
         let (count, (wall, cpu)) = match self.kind {
             Kind::Fio => (all, fio::read((pages.file.path(), &pages.extents), self.depth, &around.folder)?),
+            Kind::Mapped(touch) => (all, mapped::read(pages, touch, (self.depth, around.threads))?),
             Kind::Ours(stage @ (ReadStage::Traceable | ReadStage::Ready), io, direct) => {
                 let pool = self.pool(pages, (io, direct), u64::MAX, around)?;
                 let clock = Clock::start();
@@ -329,7 +284,7 @@ impl Way {
             direct: self.backend.1,
             stage: match self.kind {
                 Kind::Ours(stage, ..) => stage,
-                Kind::Fio => ReadStage::Raw,
+                Kind::Fio | Kind::Mapped(_) => ReadStage::Raw,
             },
             depth: self.depth,
             pages_per_s,
@@ -357,13 +312,13 @@ mod tests {
             interrupt: Interrupt::default(),
         };
         let model = Model::open("gen:isosurface:60k", &around).unwrap();
-        let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false };
+        let options = PageIoOptions { depths: vec![1, 8], rounds: 2, seed: 1, fio: false, mapped: true };
         let figures = run(&model, &options, &around).unwrap();
-        assert_eq!(figures.ways.len(), 18);
+        assert_eq!(figures.ways.len(), 24);
         for (name, way) in &figures.ways {
             assert_eq!(
                 way.latency_us.is_none(),
-                ["ready", "traceable"].iter().any(|way| name.starts_with(way)),
+                ["ready", "traceable", "mapped"].iter().any(|way| name.starts_with(way)),
                 "{name}"
             );
             assert!(way.pages_per_s > 0.0 && way.of_fio.is_none(), "{way:?}");
