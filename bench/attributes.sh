@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What vertex colours and normals cost: bytes a triangle beside meshoptimizer's and Draco's codecs, pages, and the speed of builds and rays, of
+# What a mesh, its vertex colours and normals cost: bytes a triangle beside meshoptimizer's and Draco's codecs, pages, and the speed of builds and rays, of
 # colours and normals of low and of high frequency on five kinds of model; a record each. Ten minutes; sizes need no quiet machine,
 # speeds do. Needs Python with venv, and PyPI.
 #
@@ -19,6 +19,15 @@ if [ ! -e attributes-venv ]; then
     attributes-venv/bin/pip install -q numpy==2.4.6 meshoptimizer==0.2.30a0 DracoPy==2.2.0 zstandard==0.25.0
 fi
 
+# told NAME SCRIPT ARGUMENTS...: a record of what a script of bench/ tells.
+told() {
+    local name=$1 script=$2
+    shift 2
+    echo "== $name" >&2
+    attributes-venv/bin/python "$root/bench/$script" "$@" >document.json
+    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "bench/attributes.sh WORK_FOLDER" document.json
+}
+
 for model in isosurface pipes scan kicad-1m dragon; do
     case $model in
     kicad-1m) input=$models/cad/kicad_1m.obj ;;
@@ -32,11 +41,9 @@ for model in isosurface pipes scan kicad-1m dragon; do
     # On its lattice, and positions alone.
     "$trex" build "$input" -o attributes.trex --overwrite --colors drop --normals drop --progress none -q
     "$trex" export attributes.trex -o "attributes-$model.ply" --overwrite --progress none -q
+    told "codecs-$model" geometry.py "attributes-$model.ply" . "$trex"
     for frequency in low high; do
-        echo "== $model, $frequency" >&2
-        attributes-venv/bin/python "$root/bench/attributes.py" "attributes-$model.ply" $frequency . "$trex" "$rounds" >document.json
-        "$root/target/release/trex-bench" --root "$root" record --name "attributes-$model-$frequency" \
-            --command "bench/attributes.sh WORK_FOLDER" document.json
+        told "attributes-$model-$frequency" attributes.py "attributes-$model.ply" $frequency . "$trex" "$rounds"
     done
     rm "attributes-$model.ply" attributes.trex
 done

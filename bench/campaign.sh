@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs what docs/ shows and keeps each run as a record. Needs some 20 GB in the folder given, some hours of a quiet
+# Runs what docs/ shows and keeps each run as a record. Needs some 40 GB in the folder given, many hours of a quiet
 # machine, and for the caps the right to make memory control groups (v1). Ends with the docs written anew.
 #
 #   bench/campaign.sh WORK_FOLDER
@@ -57,31 +57,8 @@ record build-scan-100m build gen:scan:100M -o scan-100m.trex --overwrite --memor
 # Views that jump on 100 million triangles in 128 MiB.
 "$root/bench/frames.sh" "$work"
 
-# The form of the paper's table 2: one view again and again, all that it needs resident; response, complete picture, rays.
-mkdir -p "$root/out"
-cp isosurface.trex "$root/out/isosurface-20m.trex"
-cp pipes.trex "$root/out/pipes-20m.trex"
-scenes="isosurface pipes-overview pipes-interior"
-if [ -d "$root/../shared/models" ]; then
-    "$trex" build "$root"/../shared/models/sponza/sponza.obj -o "$root/out/sponza.trex" --overwrite --progress none
-    scenes="$scenes sponza"
-fi
-for scene in $scenes; do
-    for rays in "2 2" "4 8"; do
-        read -r shadow gather <<<"$rays"
-        for integrator in photon full-gi; do
-            at=$root record "table2-$scene-$shadow-$gather-$integrator" stress "bench/scenes/$scene.toml" --scenario still \
-                --switches 5 --hold 120000 --integrator $integrator --n-shadow $shadow --n-gather $gather --photons 1M \
-                --t-max 100 --memory-limit 4GiB --lod-error 0
-        done
-    done
-done
-
-# The plant from inside, three ways (the paper's figure 7).
-for integrator in photon:64 full-gi:24 path:64; do
-    at=$root record "render-pipes-interior-${integrator%:*}" render bench/scenes/pipes-interior.toml -o "out/fig7-${integrator%:*}.png" \
-        --overwrite --integrator "${integrator%:*}" --spp "${integrator#*:}" --n-shadow 2 --n-gather 2 --photons 2097152 --filter off
-done
+# The experiments of the T-ReX paper.
+"$root/bench/paper.sh" "$work"
 
 # Rays and pages, where Debian's libembree-dev and fio are installed.
 if [ -e /usr/include/embree3/rtcore.h ] && command -v fio >/dev/null; then

@@ -11,6 +11,7 @@
 #   memory   the same with all that a view needs in memory
 #   size     by the size of the model
 #   limit    by the limit
+#   eviction what the clock reads beside LRU and the optimum, from recorded traces
 #   colours  views that jump in 128 MiB, of models with colours of high frequency and without
 #
 # Without a part: all of them.
@@ -90,6 +91,12 @@ part() {
             stress limit-pipes-$mib $mib pipes-100m.trex --scenario flip $marked --switches 10
         done
         ;;
+    eviction)
+        for model in isosurface-100m scan-100m kicad-grid; do
+            [ ! -e $model.trex ] || measured eviction-${model%-100m} eviction $model.trex --scenario teleport --switches 40
+        done
+        measured eviction-pipes eviction pipes-100m.trex --scenario flip $marked --switches 40
+        ;;
     colours)
         for model in isosurface pipes scan; do
             built $model-100m-colours.trex gen:$model:100M:1:colors=high
@@ -131,6 +138,6 @@ errors() {
         --references "error-$model-$scenario.references"
 }
 
-[ $# -gt 0 ] || set -- jumps large errors views memory size limit colours
+[ $# -gt 0 ] || set -- jumps large errors views memory size limit eviction colours
 for name; do part "$name"; done
 "$root/target/release/trex-bench" --root "$root" docs

@@ -13,6 +13,10 @@ source bench/record.sh
 cargo build --release -q -p trex -p trex-bench
 cd "$work"
 
+if [ ! -d "$root/../shared/models" ]; then
+    printf 'NOT MEASURED: %s is not there\n' "$root/../shared/models" >&2
+    exit 1
+fi
 cp "$root"/../shared/models/cad/kicad_1m.{obj,mtl} .
 quiet="--overwrite --progress none"
 "$trex" build kicad_1m.obj -o board.trex --no-asvo $quiet

@@ -30,17 +30,9 @@ if [ -d "$models" ] && [ ! -e kicad-grid-${size,,}.trex ]; then
     rm kicad-grid.obj
 fi
 
-# measured NAME COMMAND...: runs a verb of trex-bench, keeps the document.
-measured() {
-    local name=$1
-    shift
-    echo "== $name: trex-bench $*" >&2
-    "$root/target/release/trex-bench" "$@" --json >document.json
-    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex-bench $*" document.json
-}
 for model in isosurface pipes scan kicad-grid; do
     [ -e $model-${size,,}.trex ] || continue
     measured rays-$model-${size,,} rays $model-${size,,}.trex --peer embree --stats
-    measured io-$model-${size,,} io $model-${size,,}.trex --peer fio --depth 32
+    measured io-$model-${size,,} io $model-${size,,}.trex --peer fio --peer mmap --depth 32
 done
 "$root/target/release/trex-bench" --root "$root" docs

@@ -8,7 +8,16 @@ record() {
     shift
     echo "== $name: trex $*" >&2
     (cd "${at:-$work}" && "$trex" "$@" --json --progress none >"$work/document.json")
-    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" document.json
+    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex $*" "$work/document.json"
+}
+
+# measured NAME COMMAND...: the same of a verb of trex-bench, in the work folder.
+measured() {
+    local name=$1
+    shift
+    echo "== $name: trex-bench $*" >&2
+    (cd "$work" && "$root/target/release/trex-bench" "$@" --json >document.json)
+    "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex-bench $*" "$work/document.json"
 }
 
 # capped NAME BYTES COMMAND...: the same inside a control group of exactly so many bytes.
@@ -54,4 +63,16 @@ build_kinds() {
         "$trex" build kicad-grid.obj -o kicad-grid.trex --memory-limit 2GiB --render-limit 128MiB --progress none
         rm kicad-grid.obj
     fi
+}
+
+# build_scenes NAME...: the page files of bench/scenes/NAME.toml in out/ of the checkout, those that are missing, each as the first
+# line of its scene says; an input that is no generator is of `../shared/models`.
+build_scenes() {
+    local scene input output _
+    mkdir -p "$root/out"
+    for scene; do
+        read -r _ _ _ input _ output <"$root/bench/scenes/$scene.toml"
+        [[ $input == gen:* ]] || input=$(echo "$root"/../shared/models/*/"$input")
+        [ -e "$root/$output" ] || "$trex" build "$input" -o "$root/$output" --progress none
+    done
 }

@@ -13,13 +13,6 @@ root=$PWD
 source bench/record.sh
 cargo build --release -q -p trex -p trex-bench
 models=$root/../shared/models
-mkdir -p out
-
-# built FILE WHAT: the model of a scene in out/, unless it is there.
-built() {
-    [ -e "out/$1" ] || "$trex" build "$2" -o "out/$1" --progress none
-}
-
 # front NAME INPUT: a campaign of all knobs.
 front() {
     at=$root record "tradeoff-$1" bench tradeoff "$2" -o "$work/tradeoff-$1" --resolution 256x256 --reference-spp 256 --rounds "$rounds"
@@ -30,16 +23,16 @@ for name; do
     case $name in
     cornell | sponza)
         [ -d "$models" ] || continue
-        built "$name.trex" "$models/$name/$name.obj"
+        build_scenes "$name"
         front "$name" "bench/scenes/$name.toml"
         ;;
     kicad-1m) [ ! -d "$models" ] || front "$name" "$models/cad/kicad_1m.obj" ;;
     isosurface-20m)
-        built "$name.trex" gen:isosurface:20M
+        build_scenes isosurface
         front "$name" bench/scenes/isosurface.toml
         ;;
     pipes-interior-20m)
-        built pipes-20m.trex gen:pipes:20M
+        build_scenes pipes-interior
         front "$name" bench/scenes/pipes-interior.toml
         ;;
     *)
