@@ -20,7 +20,7 @@ pub(crate) const CHANCE_MAX: f32 = 2.0 / 3.0;
 /// below the square of what a surface reflects few would get far, and these would carry most of the light.
 pub(crate) const VOXEL_CHANCE: f32 = 0.95;
 /// Chance over that square, at least, below [`VOXEL_CHANCE`].
-const CHANCE_A_SQUARE: f32 = 1.1;
+const CHANCE_A_SQUARE: f32 = 1.04;
 /// Keeps photons apart from the pixels that use the same seed.
 const SEED_OF_PHOTONS: u64 = 0x7068_6f74_6f6e_7331;
 
