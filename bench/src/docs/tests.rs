@@ -174,7 +174,10 @@ fn bad_markers_are_named_with_their_line() {
         ("a <!-- figure:a b --><!-- -->\n", "a: no such record"),
         ("a <!-- figure:build-a b --><!-- -->\n", "build-a: the record has no b"),
         ("<!-- figure:build-a triangle_count --><!-- -->\n", "again: [\"build-a\"]"),
-        ("<!-- compare:a=\"A\" x-*:b=\"B\" -->\n<!-- end -->\n", "no record of any column"),
+        (
+            "<!-- compare:a=\"A\" build-*:triangle_count=\"T\" x-*:b=\"B\" -->\n<!-- end -->\n",
+            "no record of any column",
+        ),
         ("<!-- record:a say=b c -->\n<!-- end -->\n", "say="),
         ("<!-- record:a -->\n<!-- end -->\n", "names no key"),
         ("<!-- record:a b=c -->\n<!-- end -->\n", "accepted is KEY"),
