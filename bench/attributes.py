@@ -127,8 +127,12 @@ def write(path, vertices, faces, colours, normals):
         corners.tofile(file)
 
 
-def by_meshoptimizer(faces, values):
-    """Bytes of `values`, rows of a multiple of four bytes, alone and with zstd behind."""
+def packed(stream):
+    return len(zstandard.ZstdCompressor(level=19).compress(bytes(stream)))
+
+
+def in_own_order(faces, values):
+    """Corners of triangles and rows of `values` in the order of meshoptimizer: for the vertex cache, then fetching."""
     count = len(values)
     indices = np.ascontiguousarray(faces.ravel())
     ordered = np.zeros_like(indices)
@@ -137,9 +141,19 @@ def by_meshoptimizer(faces, values):
     meshoptimizer.optimize_vertex_fetch_remap(remap, ordered, len(ordered), count)
     placed = np.empty_like(values)
     placed[remap] = values
+    return np.ascontiguousarray(remap[ordered]), placed
+
+
+def vertex_stream(rows):
+    """The stream of `rows` of a multiple of four bytes."""
     meshoptimizer.encode_vertex_version(1)
-    stream = meshoptimizer.encode_vertex_buffer(placed, count, values.strides[0])
-    return len(stream), len(zstandard.ZstdCompressor(level=19).compress(bytes(stream)))
+    return meshoptimizer.encode_vertex_buffer(rows, len(rows), rows.strides[0])
+
+
+def by_meshoptimizer(faces, values):
+    """Bytes of `values`, alone and with zstd behind."""
+    stream = vertex_stream(in_own_order(faces, values)[1])
+    return len(stream), packed(stream)
 
 
 def by_draco(vertices, faces, bits, **attribute):

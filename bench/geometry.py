@@ -4,9 +4,9 @@
     python bench/geometry.py MESH.ply WORK_FOLDER TREX
 
 MESH.ply is what `trex export` writes: positions and triangles alone. All but the PLY have positions of as many bits as
-the lattice of the page file, of which all counts but the voxels: tree, tables and materials, too. meshoptimizer has vertices and triangles
-in its own order; its streams are given with and without zstd behind them. Needs what bench/attributes.py needs. Prints
-a document for `trex-bench record`.
+the lattice of the page file, of which all counts but the voxels: tree, tables and materials, too. meshoptimizer has
+vertices and triangles in its own order; its streams are given with and without zstd behind them. Needs what
+bench/attributes.py needs. Prints a document for `trex-bench record`.
 """
 
 import json
@@ -16,30 +16,14 @@ from pathlib import Path
 
 import meshoptimizer
 import numpy as np
-import zstandard
 
-from attributes import by_draco, read, trex
-
-
-def packed(stream):
-    return len(zstandard.ZstdCompressor(level=19).compress(bytes(stream)))
+from attributes import by_draco, in_own_order, packed, read, trex, vertex_stream
 
 
 def by_meshoptimizer(places, faces):
     """Bytes of the streams of vertices and triangles, alone and with zstd behind."""
-    count = len(places)
-    indices = np.ascontiguousarray(faces.ravel())
-    ordered = np.zeros_like(indices)
-    meshoptimizer.optimize_vertex_cache(ordered, indices, len(indices), count)
-    remap = np.zeros(count, np.uint32)
-    meshoptimizer.optimize_vertex_fetch_remap(remap, ordered, len(ordered), count)
-    placed = np.empty_like(places)
-    placed[remap] = places
-    meshoptimizer.encode_vertex_version(1)
-    streams = [
-        meshoptimizer.encode_vertex_buffer(placed, count, places.strides[0]),
-        meshoptimizer.encode_index_buffer(np.ascontiguousarray(remap[ordered]), len(ordered), count),
-    ]
+    corners, placed = in_own_order(faces, places)
+    streams = [vertex_stream(placed), meshoptimizer.encode_index_buffer(corners, len(corners), len(places))]
     return sum(map(len, streams)), sum(map(packed, streams))
 
 

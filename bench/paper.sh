@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The experiments of the T-ReX paper on our models: what docs/paper.md shows, kept as records. Two hours of a quiet machine, most of
+# The experiments of the T-ReX paper on our models, kept as records. Two hours of a quiet machine, most of
 # it `full-gi` and the tall builds; models that are missing are built first.
 #
 #   bench/paper.sh WORK_FOLDER [PART...]

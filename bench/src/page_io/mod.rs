@@ -93,8 +93,7 @@ pub fn run(model: &Model, options: &PageIoOptions, around: &Surroundings) -> any
         for way in &mut ways {
             around.interrupt.check()?;
             let measured = way.round(&pages, around);
-            let Round { pages, wall, cpu } =
-                measured.with_context(|| format!("{} at depth {}", way.backend.0, way.depth))?;
+            let Round { pages, wall, cpu } = measured.with_context(|| way.name())?;
             if round > 0 {
                 way.rates.push(pages as f64 / wall.as_secs_f64());
                 way.cpu_us.push(cpu.as_secs_f64() * 1e6 / pages as f64);
