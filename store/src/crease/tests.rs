@@ -120,7 +120,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     #[test]
     fn normals_are_those_of_all_pairs(
-        heights in proptest::collection::vec(-3i8..=3, 36), angle in 1u8..=180, order in any::<u64>(),
+        heights in proptest::collection::vec(-3i8..=3, 36), angle in 0u8..180, order in any::<u64>(),
     ) {
         // A rough sheet: places are shared, planes are not.
         let at = |x: usize, y: usize| [x as f64, y as f64, 0.4 * f64::from(heights[6 * y + x])];
@@ -131,7 +131,7 @@ proptest! {
             })
             .collect();
         triangles.sort_by_key(|t| t[0][0].to_bits().wrapping_mul(order | 1) ^ t[1][1].to_bits());
-        // Not an angle that planes of such heights have.
-        check(&triangles, f64::from(angle) + 0.0137);
+        // At least 0.002 degrees from every angle between planes of such heights: cosines 3e-5 apart, not 1e-6.
+        check(&triangles, f64::from(angle) + 0.5981);
     }
 }
