@@ -20,7 +20,7 @@ measured() {
     "$root/target/release/trex-bench" --root "$root" record --name "$name" --command "trex-bench $*" "$work/document.json"
 }
 
-# capped NAME BYTES COMMAND...: the same inside a control group of exactly so many bytes.
+# capped NAME BYTES COMMAND...: either of them, as `by` says, `record` unless it is set, inside a control group of exactly so many bytes.
 capped() {
     local name=$1 bytes=$2
     shift 2
@@ -29,7 +29,7 @@ capped() {
     echo "$bytes" >"$group/memory.limit_in_bytes"
     (
         echo "$BASHPID" >"$group/cgroup.procs"
-        record "$name" "$@"
+        "${by:-record}" "$name" "$@"
     )
     grep -H 'oom_kill ' "$group/memory.oom_control" >&2
     echo "   kernel's count at most $(cat "$group/memory.max_usage_in_bytes") of $bytes bytes" >&2

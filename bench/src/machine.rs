@@ -1,7 +1,8 @@
 //! Where and when a figure was measured: the machine, the commit, the date.
 //!
-//! Invariant: what cannot be found out reads `unknown`; it never stops a measurement.
+//! Invariants: 1. what cannot be found out reads `unknown`; 2. a checkout that differs from its commit has none.
 
+use anyhow::{Context, ensure};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
@@ -63,16 +64,24 @@ fn memory_total(meminfo: &str) -> u64 {
     kib.unwrap_or(0) * 1024
 }
 
-/// The commit of the checkout at `root`, 12 digits, with `+` when files other than records and docs differ
-/// from it.
-pub fn commit(root: &Path) -> String {
+/// The commit of the checkout at `root`, 12 digits; "unknown" where there is none.
+///
+/// # Errors
+/// Files differ from it, other than records and the pages that show them.
+pub fn commit(root: &Path) -> anyhow::Result<String> {
     let git = |args: &[&str]| {
         let output = Command::new("git").arg("-C").arg(root).args(args).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     };
-    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else { return "unknown".to_owned() };
-    let changed = git(&["status", "--porcelain", "--", ".", ":!bench/record", ":!docs"]);
-    if changed.is_some_and(|files| files.is_empty()) { commit } else { commit + "+" }
+    let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) else { return Ok("unknown".to_owned()) };
+    let of_code = ["status", "--porcelain", "--", ".", ":!bench/record", ":!docs", ":!README.md"];
+    let changed = git(&of_code).context("git does not tell what has changed")?;
+    let first = changed.lines().next().unwrap_or_default();
+    ensure!(
+        changed.is_empty(),
+        "a record is of a commit, and files differ from {commit}: {first}; commit them first"
+    );
+    Ok(commit)
 }
 
 /// Today, UTC, as `YYYY-MM-DD`.
@@ -125,6 +134,30 @@ mod tests {
     #[test]
     fn no_checkout_is_an_unknown_commit() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(commit(folder.path()), "unknown");
+        assert_eq!(commit(folder.path()).unwrap(), "unknown");
+    }
+
+    #[test]
+    fn a_changed_file_is_refused_and_a_record_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let git = |args: &[&str]| {
+            let who =
+                ["-c", "user.name=test", "-c", "user.email=test@localhost", "-c", "commit.gpgsign=false"];
+            assert!(Command::new("git").arg("-C").arg(root).args(who).args(args).status().unwrap().success());
+        };
+        git(&["init", "-q"]);
+        std::fs::write(root.join("code.rs"), "1").unwrap();
+        git(&["add", "."]);
+        git(&["commit", "-qm", "First"]);
+        let clean = commit(root).unwrap();
+        assert_eq!(clean.len(), 12);
+
+        std::fs::create_dir_all(root.join("bench/record")).unwrap();
+        ["bench/record/a.jsonl", "README.md"].map(|name| std::fs::write(root.join(name), "{}").unwrap());
+        assert_eq!(commit(root).unwrap(), clean);
+        std::fs::write(root.join("code.rs"), "2").unwrap();
+        let error = commit(root).unwrap_err().to_string();
+        assert!(error.contains("code.rs") && error.contains(&clean), "{error}");
     }
 }

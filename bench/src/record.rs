@@ -65,7 +65,7 @@ impl Record {
     /// labels name another, from the checkout at `root`.
     ///
     /// # Errors
-    /// The document is no object, reports a failure, or names no command.
+    /// The document is no object, reports a failure, or names no command; [`machine::commit`] refuses the checkout.
     pub fn from_document(document: &Value, labels: Labels, root: &Path) -> anyhow::Result<Record> {
         let Some(object) = document.as_object() else { bail!("the document is not a JSON object") };
         let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
@@ -88,7 +88,7 @@ impl Record {
             scene: without_folders(&scene),
             seed: labels.seed.or_else(|| object.get("seed").and_then(Value::as_u64)),
             machine: labels.machine.unwrap_or_else(Machine::here),
-            commit: machine::commit(root),
+            commit: machine::commit(root)?,
             date: machine::today(),
             result_hash: text("result_hash"),
             name: labels.name,
