@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Error against time and memory, every knob, on five models: the Cornell box, Sponza, the plant from inside, the iso-surface, and a
-# CAD board, which is built in all ways, too. Two hours of a quiet machine; models that are missing are built first, the box, Sponza
+# Error against time and memory, every knob, on five models: the Cornell box, as it is and with a mirror and a glossy wall, Sponza, the
+# plant from inside, the iso-surface, and a CAD board, which is built in all ways, too. Two hours of a quiet machine; models that are missing are built first, the box, Sponza
 # and the board of `../shared/models`. What is stopped goes on where it was.
 #
 #   bench/tradeoff.sh WORK_FOLDER [ROUNDS [FRONT...]]        ROUNDS: runs of each point, 3 unless told
@@ -18,10 +18,10 @@ front() {
     at=$root record "tradeoff-$1" bench tradeoff "$2" -o "$work/tradeoff-$1" --resolution 256x256 --reference-spp 256 --rounds "$rounds"
 }
 
-[ $# -gt 0 ] || set -- cornell sponza kicad-1m isosurface-20m pipes-interior-20m
+[ $# -gt 0 ] || set -- cornell cornell-mirror sponza kicad-1m isosurface-20m pipes-interior-20m
 for name; do
     case $name in
-    cornell | sponza)
+    cornell | cornell-mirror | sponza)
         [ -d "$models" ] || continue
         build_scenes "$name"
         front "$name" "bench/scenes/$name.toml"

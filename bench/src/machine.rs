@@ -154,7 +154,9 @@ mod tests {
         assert_eq!(clean.len(), 12);
 
         std::fs::create_dir_all(root.join("bench/record")).unwrap();
-        ["bench/record/a.jsonl", "README.md"].map(|name| std::fs::write(root.join(name), "{}").unwrap());
+        for name in ["bench/record/a.jsonl", "README.md"] {
+            std::fs::write(root.join(name), "{}").unwrap();
+        }
         assert_eq!(commit(root).unwrap(), clean);
         std::fs::write(root.join("code.rs"), "2").unwrap();
         let error = commit(root).unwrap_err().to_string();

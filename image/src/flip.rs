@@ -60,21 +60,27 @@ pub fn flip_bytes(width: u32) -> u64 {
 /// # Panics
 /// When their sizes differ.
 pub fn flip(a: &Picture, b: &Picture, exposure: f32) -> f64 {
+    let mut sum = 0.0;
+    flip_each(a, b, exposure, |difference| sum += f64::from(difference));
+    sum / (f64::from(a.width) * f64::from(a.height))
+}
+
+/// The differences that [`flip`] is the mean of, pixel by pixel along rows.
+///
+/// # Panics
+/// When the sizes differ.
+pub fn flip_each(a: &Picture, b: &Picture, exposure: f32, mut tell: impl FnMut(f32)) {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (kernels, scale) = (Kernels::new(), ColourScale::new());
     let [mut rows_a, mut rows_b] = [a, b].map(|of| FilteredRows::new(of, exposure, &kernels));
-    let sum: f64 = (0..a.height as usize)
-        .map(|y| {
-            rows_a.see(y);
-            rows_b.see(y);
-            let pixels = (0..a.width as usize).map(|x| {
-                let [a, b] = [&rows_a, &rows_b].map(|rows| rows.looks(x));
-                f64::from(scale.difference(&a, &b))
-            });
-            pixels.sum::<f64>()
-        })
-        .sum();
-    sum / (f64::from(a.width) * f64::from(a.height))
+    for y in 0..a.height as usize {
+        rows_a.see(y);
+        rows_b.see(y);
+        for x in 0..a.width as usize {
+            let [a, b] = [&rows_a, &rows_b].map(|rows| rows.looks(x));
+            tell(scale.difference(&a, &b));
+        }
+    }
 }
 
 /// The kernels along an axis.

@@ -21,7 +21,7 @@ mod read;
 mod source;
 
 pub use compare::{Comparison, Constants, DEFAULT_EPSILON, DEFAULT_PEAK, Figures, compare};
-pub use flip::{flip, flip_bytes};
+pub use flip::{flip, flip_bytes, flip_each};
 pub use head::{Format, HEAD_BYTES, Head, MAX_SIDE_PIXELS, Origin, Picture};
 pub use read::{read_head, read_picture};
 

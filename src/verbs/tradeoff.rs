@@ -47,8 +47,18 @@ impl fmt::Display for TradeoffReport {
         )?;
         writeln!(
             f,
-            "{:<34} {:>8} {:>9} {:>8} {:>9} {:>9} {:>9}  {:>9}",
-            "on the front of time", "s", "relMSE", "PSNR dB", "shadow", "contact", "indirect", "memory"
+            "{:<34} {:>8} {:>9} {:>8} {:>6} {:>9} {:>9} {:>9} {:>9} {:>9}  {:>9}",
+            "on the front of time",
+            "s",
+            "relMSE",
+            "PSNR dB",
+            "FLIP",
+            "shadow",
+            "contact",
+            "indirect",
+            "gloss",
+            "mirror",
+            "memory"
         )?;
         let mut front: Vec<&PointFigures> =
             figures.points.iter().filter(|point| point.is_on_time_front || point.knob == "quality").collect();
@@ -65,16 +75,19 @@ impl fmt::Display for TradeoffReport {
                         Some(error) => format!("{error:.1e}"),
                         None => "-".to_owned(),
                     };
-                    let psnr = measured.errors["whole"].psnr_db;
+                    let whole = measured.errors["whole"];
                     writeln!(
                         f,
-                        "{name:<34} {:>8.2} {:>9} {:>8} {:>9} {:>9} {:>9}  {:>9}{beaten}",
+                        "{name:<34} {:>8.2} {:>9} {:>8} {:>6.3} {:>9} {:>9} {:>9} {:>9} {:>9}  {:>9}{beaten}",
                         measured.picture_ms / 1e3,
                         error("whole"),
-                        psnr.map_or_else(|| "inf".into(), |psnr| format!("{psnr:.1}")),
+                        whole.psnr_db.map_or_else(|| "inf".into(), |psnr| format!("{psnr:.1}")),
+                        whole.flip.unwrap_or_default(),
                         error("shadow"),
                         error("contact"),
                         error("indirect"),
+                        error("gloss"),
+                        error("mirror"),
                         size::bytes(measured.peak_rss_bytes)
                     )?;
                 }

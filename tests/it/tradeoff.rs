@@ -55,6 +55,8 @@ fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
         let expected = squares.sum::<f64>() / mean.len() as f64;
         let told = point["errors"]["whole"]["relmse"].as_f64().unwrap();
         assert!((told / expected - 1.0).abs() < 1e-4, "{command}: {told}, {expected} by the pictures");
+        let flip = point["errors"]["whole"]["flip"].as_f64().unwrap();
+        assert!((0.0..1.0).contains(&flip) && flip > 0.0, "{point:#}");
     }
     assert!(!first["front"].as_object().unwrap().is_empty());
     let (bare, normal) = (found("no-asvo")[0], &first["qualities"]["normal"]);
@@ -80,6 +82,46 @@ fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
     assert_ne!(Some(last), points(&first).last());
 
     run_in(inside.path(), &format!("{LINE} --rounds 2 --json")).expect_error(3, "input-mismatch");
+}
+
+/// A wall of three materials, seen from in front: matte on the left, glossy in the middle, a mirror on the right.
+#[test]
+fn gloss_and_mirrors_are_judged_where_they_are() {
+    let inside = folder();
+    let write = |name: &str, text: &str| std::fs::write(inside.path().join(name), text).unwrap();
+    let corners = |x: usize| format!("v {x} 0 0\nv {0} 0 0\nv {0} 1 0\nv {x} 1 0\n", x + 1);
+    let face = |x: usize| format!("usemtl m{x}\nf {} {} {} {}\n", 4 * x + 1, 4 * x + 2, 4 * x + 3, 4 * x + 4);
+    let mesh: String = (0..3).map(corners).chain((0..3).map(face)).collect();
+    write("wall.obj", &format!("mtllib wall.mtl\n{mesh}"));
+    write(
+        "wall.mtl",
+        "newmtl m0\nKd .5 .5 .5\nnewmtl m1\nKd .5 .5 .5\nKs .3 .3 .3\nNs 30\nnewmtl m2\nKd .5 .5 .5\n",
+    );
+    let mirror = "[material.m2]\nks = [0.9, 0.9, 0.9]\nmirror = true\n";
+    let camera = "[camera]\nposition = [1.5, 0.5, 9.0]\ntarget = [1.5, 0.5, 0.0]\nup = [0.0, 1.0, 0.0]\nfov_x = 30.0\n";
+    write("wall.toml", &format!("model = 'wall.trex'\n{camera}{mirror}"));
+    document_in(inside.path(), "build wall.obj -o wall.trex");
+    let line = "bench tradeoff wall.toml -o trade --resolution 24x6 --reference-spp 4 --knobs quality";
+    let document = document_in(inside.path(), line);
+
+    let pixel = 2.0 * 9.0 * 15f64.to_radians().tan() / 24.0;
+    let seen = |wall: std::ops::Range<f64>| {
+        let on = |x: i32, y: i32| {
+            let (x, y) = (1.5 + (f64::from(x) - 11.5) * pixel, 0.5 + (f64::from(y) - 2.5) * pixel);
+            wall.contains(&x) && (0.0..1.0).contains(&y)
+        };
+        (0..6).flat_map(|y| (0..24).map(move |x| (x, y))).filter(|&(x, y)| on(x, y)).count()
+    };
+    let errors = &points(&document)[1]["errors"];
+    for (region, wall) in [("gloss", 1.0..2.0), ("mirror", 2.0..3.0)] {
+        let expected = seen(wall) as f64 / 144.0;
+        assert!(expected > 0.05);
+        assert_eq!(errors[region]["share"], expected, "{region}");
+        assert!(errors[region]["relmse"].is_f64() && errors[region]["flip"].is_f64(), "{errors:#}");
+    }
+    let normal = &document["qualities"]["normal"];
+    assert_eq!(normal["parts_flip"]["mirror"], errors["mirror"]["flip"]);
+    assert_eq!(normal["flip"], errors["whole"]["flip"]);
 }
 
 #[test]

@@ -61,6 +61,10 @@ pub struct Summary {
     pub parts_relmse: BTreeMap<String, f64>,
     /// PSNR of the whole picture for a peak of 1; `None` without an error.
     pub psnr_db: Option<f64>,
+    /// FLIP of the whole picture.
+    pub flip: Option<f64>,
+    /// FLIP of each hard part that has pixels.
+    pub parts_flip: BTreeMap<String, f64>,
     /// What the kernel counted, bytes.
     pub peak_rss_bytes: u64,
     /// Its relMSE over the least that is had in its time.
@@ -144,12 +148,18 @@ impl Measurement {
 impl PointFigures {
     fn summary(&self) -> Option<Summary> {
         let measured = self.measured.as_ref()?;
-        let parts = measured.errors.iter().filter(|(name, _)| *name != "whole");
+        let parts = |error: fn(&RegionError) -> Option<f64>| {
+            let parts = measured.errors.iter().filter(|(name, _)| *name != "whole");
+            parts.filter_map(|(name, part)| Some((name.clone(), error(part)?))).collect()
+        };
+        let whole = measured.errors["whole"];
         Some(Summary {
             picture_ms: measured.picture_ms,
             relmse: measured.relmse()?,
-            parts_relmse: parts.filter_map(|(name, error)| Some((name.clone(), error.relmse?))).collect(),
-            psnr_db: measured.errors["whole"].psnr_db,
+            parts_relmse: parts(|part| part.relmse),
+            psnr_db: whole.psnr_db,
+            flip: whole.flip,
+            parts_flip: parts(|part| part.flip),
             peak_rss_bytes: measured.peak_rss_bytes,
             front_distance: self.front_distance,
         })

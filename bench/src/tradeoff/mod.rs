@@ -13,6 +13,7 @@ mod figures;
 mod front;
 mod knobs;
 mod regions;
+mod specular;
 
 pub use crate::campaign::Around;
 use crate::campaign::{Campaign, Input, refusal};
@@ -25,8 +26,10 @@ use regions::ReferencePicture;
 pub use regions::RegionError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use specular::SeenView;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use trex_render::CameraKeys;
 use trex_store::{Code, Error};
 
 /// Samples of the picture of direct light that regions are found by.
@@ -74,6 +77,8 @@ struct PointSubject<'a> {
     model: String,
     /// The flags that every picture has.
     common: Vec<String>,
+    /// The camera that they name.
+    camera: Option<CameraKeys>,
     /// What the model was built of, where it was built here.
     source: Option<String>,
     limit_bytes: u64,
@@ -137,6 +142,7 @@ impl<'a> PointSubject<'a> {
     ) -> anyhow::Result<PointSubject<'a>> {
         let [width, height] = options.resolution;
         let mut common = vec!["--resolution".to_owned(), format!("{width}x{height}")];
+        let mut camera = None;
         if options.input.starts_with("gen:")
             && let Some(view) = views(&Spec::parse(&options.input)?).into_iter().next()
         {
@@ -148,10 +154,18 @@ impl<'a> PointSubject<'a> {
                 ("--fov-x", view.fov_x_deg.to_string()),
             ];
             common.extend(flags.into_iter().flat_map(|(flag, value)| [flag.to_owned(), value]));
+            camera = Some(CameraKeys {
+                position: Some(view.position),
+                target: Some(view.target),
+                up: Some(view.up),
+                fov_x: Some(view.fov_x_deg),
+                ..CameraKeys::default()
+            });
         }
         let source = subject.input.is_mesh().then(|| options.input.clone());
         let limit_bytes = subject.memory_limit_bytes;
-        let mut stage = PointSubject { options, model: options.input.clone(), common, source, limit_bytes };
+        let mut stage =
+            PointSubject { options, model: options.input.clone(), common, camera, source, limit_bytes };
         if stage.source.is_some() {
             stage.model = stage.built("model", &[], campaign)?;
         }
@@ -191,7 +205,14 @@ impl<'a> PointSubject<'a> {
         let a = picture("reference-a.exr", &(of_path(REFERENCE_SEEDS[0]) + " --layers depth,normal,albedo"))?;
         let b = picture("reference-b.exr", &of_path(REFERENCE_SEEDS[1]))?;
         let flags = format!("--integrator direct --spp {DIRECT_SPP} --n-shadow 4 --lod-error 0");
-        ReferencePicture::read(&a, &b, &picture("direct.exr", &flags)?)
+        let direct = picture("direct.exr", &flags)?;
+        let view = SeenView {
+            model: Path::new(&self.model),
+            camera: self.camera,
+            resolution: self.options.resolution,
+            limit_bytes: self.limit_bytes,
+        };
+        ReferencePicture::read([&a, &b, &direct], specular::masks(&view, campaign.interrupt)?)
     }
 
     /// The memory limits that are tried: the smallest, and some above it.

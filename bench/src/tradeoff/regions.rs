@@ -5,6 +5,7 @@
 //! | `shadow` | direct light of neighbours on one surface differs by more than a quarter |
 //! | `contact` | within three pixels of where surfaces of other directions meet |
 //! | `indirect` | more than half of the light has been reflected |
+//! | `gloss`, `mirror` | what is seen first is glossy, or a mirror: [`super::specular`] |
 //!
 //! Two pixels are on one surface when their depths differ by less than 2 %, their normals by less than 18 degrees, and
 //! their albedos by less than 0.02 a channel.
@@ -13,7 +14,7 @@ use crate::channels::Channels;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
-use trex_image::{Constants, DEFAULT_EPSILON, DEFAULT_PEAK, Picture, compare};
+use trex_image::{Constants, DEFAULT_EPSILON, DEFAULT_PEAK, Picture, compare, flip_bytes, flip_each};
 
 /// Most difference of depth, share.
 const SAME_DEPTH: f32 = 0.02;
@@ -36,6 +37,8 @@ pub struct RegionError {
     pub relmse: Option<f64>,
     /// For a peak of 1; `None`: it has no pixels, or no error.
     pub psnr_db: Option<f64>,
+    /// Mean difference of looks, LDR-FLIP of the whole picture; `None`: it has no pixels.
+    pub flip: Option<f64>,
 }
 
 /// The reference of a campaign.
@@ -43,8 +46,11 @@ pub(super) struct ReferencePicture {
     pub(super) picture: Picture,
     /// The relMSE that its own noise comes to.
     pub(super) floor: f64,
-    masks: Vec<(&'static str, Vec<bool>)>,
+    masks: Vec<Mask>,
 }
+
+/// A region's name, and a flag a pixel.
+pub(super) type Mask = (&'static str, Vec<bool>);
 
 /// The picture of an EXR of ours.
 pub(super) fn picture_of(path: &Path) -> anyhow::Result<Picture> {
@@ -53,39 +59,57 @@ pub(super) fn picture_of(path: &Path) -> anyhow::Result<Picture> {
 
 /// Bytes that the pictures of a campaign take at `resolution`, all at once.
 pub(super) fn bytes(resolution: [u32; 2]) -> u64 {
-    // Two references with seven more channels, direct light, the mean, a picture and its copy with a mask, three masks;
-    // the decoder holds a picture once more.
-    u64::from(resolution[0]) * u64::from(resolution[1]) * (2 * 2 * (3 + 8) * 4 + 5 * 12 + 3)
+    // Two references with seven more channels, direct light, the mean, a picture and its copy with a mask, five masks,
+    // differences of looks; the decoder holds a picture once more.
+    let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+    pixels * (2 * 2 * (3 + 8) * 4 + 5 * 12 + 5 + 4) + flip_bytes(resolution[0])
 }
 
 impl ReferencePicture {
-    /// The mean of two pictures with different noise, the first with its layers, and `direct` light alone.
-    pub(super) fn read(a: &Path, b: &Path, direct: &Path) -> anyhow::Result<ReferencePicture> {
+    /// The mean of two pictures with different noise, the first with its layers, and `direct` light alone; `specular`
+    /// masks join those that are found in them.
+    pub(super) fn read(
+        [a, b, direct]: [&Path; 3],
+        specular: impl IntoIterator<Item = Mask>,
+    ) -> anyhow::Result<ReferencePicture> {
         let (layers, b, direct) = (Channels::read(a)?, picture_of(b)?, picture_of(direct)?);
         let a = layers.picture()?;
         let floor = compare(&a, &b, constants()).all.relmse.unwrap_or(0.0) / 4.0;
         let mean = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|i| 0.5 * (a[i] + b[i]));
         let pixels = a.pixels.iter().zip(&b.pixels).map(mean).collect();
         let picture = Picture { pixels, ..a };
-        let masks = masks(&picture, &direct, &Surfaces::of(&layers)?);
+        let mut masks = masks(&picture, &direct, &Surfaces::of(&layers)?);
+        masks.extend(specular);
         Ok(ReferencePicture { picture, floor, masks })
     }
 
     /// The errors of `picture`: of the whole, by the name `whole`, and of each region.
     pub(super) fn errors(&self, picture: &Picture) -> BTreeMap<String, RegionError> {
-        let error = |picture: &Picture, share: f64| {
-            let figures = compare(picture, &self.picture, constants()).all;
-            RegionError { share, relmse: figures.relmse, psnr_db: figures.psnr_db }
-        };
-        let mut errors = BTreeMap::from([("whole".to_owned(), error(picture, 1.0))]);
-        for (name, mask) in &self.masks {
+        let mut looks = Vec::with_capacity(picture.pixels.len());
+        flip_each(picture, &self.picture, 1.0, |difference| looks.push(difference));
+        let everywhere = vec![true; looks.len()];
+        let masks = self.masks.iter().map(|(name, mask)| (*name, mask));
+        let error = |(name, mask): (&str, &Vec<bool>)| {
             // What is not finite is left out of every figure.
             let pixel = |(pixel, is_in): (&[f32; 3], &bool)| if *is_in { *pixel } else { [f32::NAN; 3] };
             let pixels = picture.pixels.iter().zip(mask).map(pixel).collect();
-            let share = mask.iter().filter(|is_in| **is_in).count() as f64 / mask.len() as f64;
-            errors.insert((*name).to_owned(), error(&Picture { pixels, ..*picture }, share));
-        }
-        errors
+            let figures = compare(&Picture { pixels, ..*picture }, &self.picture, constants()).all;
+            let count = mask.iter().filter(|is_in| **is_in).count() as f64;
+            let sum = looks
+                .iter()
+                .zip(mask)
+                .filter(|(_, is_in)| **is_in)
+                .map(|(look, _)| f64::from(*look))
+                .sum::<f64>();
+            let error = RegionError {
+                share: count / mask.len() as f64,
+                relmse: figures.relmse,
+                psnr_db: figures.psnr_db,
+                flip: (count > 0.0).then(|| sum / count),
+            };
+            (name.to_owned(), error)
+        };
+        std::iter::once(("whole", &everywhere)).chain(masks).map(error).collect()
     }
 }
 
@@ -142,7 +166,7 @@ fn luminance(pixel: &[f32; 3]) -> f32 {
     0.2126 * pixel[0] + 0.7152 * pixel[1] + 0.0722 * pixel[2]
 }
 
-fn masks(all: &Picture, direct: &Picture, surfaces: &Surfaces) -> Vec<(&'static str, Vec<bool>)> {
+fn masks(all: &Picture, direct: &Picture, surfaces: &Surfaces) -> Vec<Mask> {
     let [light, direct] =
         [all, direct].map(|picture| picture.pixels.iter().map(luminance).collect::<Vec<f32>>());
     let differs = |a: f32, b: f32| (a - b).abs() > BORDER * a.max(b);
@@ -201,5 +225,7 @@ mod tests {
         assert!((errors["whole"].relmse.unwrap() - relative / 2.0).abs() < 1e-6);
         assert_eq!((errors["indirect"].relmse, errors["indirect"].share), (Some(0.0), 0.5));
         assert!((errors["shadow"].relmse.unwrap() - relative / 2.0).abs() < 1e-6);
+        // Brighter than what is shown as white: nobody sees it.
+        assert_eq!((errors["whole"].flip, errors["indirect"].flip), (Some(0.0), Some(0.0)));
     }
 }
