@@ -7,6 +7,7 @@ mod bench;
 mod beside;
 mod build;
 mod campaign;
+mod clock;
 mod command_line;
 mod damage;
 mod demo;

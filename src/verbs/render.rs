@@ -4,6 +4,7 @@
 //! check the output -> open the stage -> photons -> a picture from each viewpoint -> what is to be told
 //! ```
 
+use super::clock::Clock;
 use super::damage::Damage;
 use super::picture_file::PictureFile;
 use super::render_part::{self, PartReport};
@@ -17,6 +18,7 @@ use crate::memory::Memory;
 use crate::size;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use trex_model::RayRates;
 use trex_model::{DeviceOptions, Pace, SessionOptions};
@@ -25,7 +27,7 @@ use trex_render::{
     RenderKeys, RenderStats, Scene, Session,
 };
 use trex_store::io::IoOptions;
-use trex_store::{Code, Error, Progress, Result, StopSignal};
+use trex_store::{Code, Error, Progress, Result};
 
 /// Runs `trex render`.
 pub fn run(args: &RenderArgs, ctx: &Context) -> anyhow::Result<Exit> {
@@ -84,31 +86,6 @@ pub struct Job<'a> {
     pub time_limit: Option<Duration>,
     /// How frames with a deadline are made, if there is one.
     pub live: Option<FrameOptions>,
-}
-
-/// When the work began, and when it is to stop.
-struct Clock<'a> {
-    start: Instant,
-    deadline: Option<Instant>,
-    stop: StopSignal,
-    ctx: &'a Context,
-}
-
-impl Clock<'_> {
-    /// From now on, for so long.
-    fn start(time_limit: Option<Duration>, ctx: &Context) -> Clock<'_> {
-        let start = Instant::now();
-        let deadline = time_limit.and_then(|limit| start.checked_add(limit));
-        Clock { start, deadline, stop: StopSignal::new(&ctx.interrupt, deadline), ctx }
-    }
-
-    fn is_late(&self) -> bool {
-        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.is_due()
-    }
 }
 
 /// Photons, and how long what took.
@@ -371,10 +348,18 @@ fn tell_open_parts(session: &Session<MeshTracer>, ctx: &Context) -> (u64, Vec<St
     (open.rays, names)
 }
 
-/// The light that photons bring.
+/// The light that photons bring. Samples are to be taken in the time that is left: photons get half of it, and where
+/// that brings none three quarters.
 fn send_photons<T: PagedTracer + Send>(session: &mut Session<T>, clock: &Clock<'_>) -> Result<PhotonStats> {
     let (show, budget) = (clock.ctx.report(), &clock.ctx.budget);
-    session.illuminate(&|| clock.stops(), &mut |done, total| {
+    let ends = [0.5, 0.75].map(|share| clock.after(share));
+    let has_light = AtomicBool::new(false);
+    let stops = || {
+        let end = ends[usize::from(!has_light.load(Ordering::Relaxed))];
+        clock.stops() || end.is_some_and(|end| Instant::now() >= end)
+    };
+    session.illuminate(&stops, &mut |done, total| {
+        has_light.store(done > 0, Ordering::Relaxed);
         let memory_bytes = budget.used_bytes();
         show(Progress { phase: "photons", done, total, unit: "photons", memory_bytes });
     })

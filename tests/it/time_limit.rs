@@ -44,6 +44,20 @@ fn a_time_that_is_over_ends_every_stage() {
     }
 }
 
+/// Photons took all of the time, and the picture was black: they have half of it.
+#[test]
+fn photons_leave_time_for_samples() {
+    let inside = folder();
+    built_in(inside.path(), "gen:pipes:10k --voxels 64", "m.trex");
+    let line = "render m.trex -o m.exr --overwrite --resolution 16x16 --spp 1 --photons 1G --time-limit 2s";
+    for flags in ["", "--t-max 33"] {
+        let ended = document_in(inside.path(), &format!("{line} {flags}"));
+        let photons = ended["photons"]["photons"].as_u64().unwrap();
+        assert!(photons > 0 && photons < 1_000_000_000, "{flags}: {photons} photons");
+        assert_eq!(ended["spp"], 1, "{flags}: {ended:#}");
+    }
+}
+
 /// The clock was asked between tiles alone: a ray through five million copies of a triangle takes longer than many
 /// tiles of other models, and a tile has hundreds of rays.
 #[test]

@@ -23,6 +23,9 @@ const VOXEL_BIT: u16 = 1 << 15;
 const NORMAL_PARTS: f32 = 127.0;
 const ALBEDO_PARTS: f32 = 255.0;
 
+/// What an albedo of 1 counts as, which lamps have: far from that of any surface beside them.
+const ALBEDO_OF_LAMPS: f32 = 2.0;
+
 /// The numbers of the parts that are kept, by their bytes: a look-up is faster than a division.
 static NORMALS: [f32; 256] = {
     let (mut table, mut byte) = ([0.0; 256], 0);
@@ -34,10 +37,11 @@ static NORMALS: [f32; 256] = {
 };
 static ALBEDOS: [f32; 256] = {
     let (mut table, mut byte) = ([ALBEDO_LEAST; 256], 4);
-    while byte < 256 {
+    while byte < 255 {
         table[byte] = byte as f32 / ALBEDO_PARTS;
         byte += 1;
     }
+    table[255] = ALBEDO_OF_LAMPS;
     table
 };
 const _: () = assert!(3.0 / 255.0 < ALBEDO_LEAST && ALBEDO_LEAST < 4.0 / 255.0);
@@ -159,11 +163,12 @@ impl Surface {
             return here == there;
         }
         let dot: f32 = (0..3).map(|c| f32::from(self.normal[c]) * f32::from(other.normal[c])).sum();
-        let apart = (0..3).map(|c| self.albedo[c].abs_diff(other.albedo[c])).max();
+        let [own, others] = [self, other].map(|of| of.albedo.map(|part| ALBEDOS[usize::from(part)]));
+        let is_alike = (0..3).all(|c| (own[c] - others[c]).abs() < ALBEDO_APART);
         self.is_voxel() == other.is_voxel()
             && (here - there).abs() < DEPTH_SHARE * here.min(there)
             && dot > NORMAL_COS * NORMAL_PARTS * NORMAL_PARTS
-            && apart.is_none_or(|apart| f32::from(apart) < ALBEDO_APART * ALBEDO_PARTS)
+            && is_alike
     }
 
     /// What light is multiplied by.
@@ -194,5 +199,20 @@ mod tests {
         let dark = LayerPixel { depth: 1.0, ..LayerPixel::NOTHING };
         assert_eq!(Surface::new(&dark).albedo(), [ALBEDO_LEAST; 3]);
         assert_eq!(size_of::<Surface>(), 8);
+    }
+
+    /// A lamp in a white ceiling was one surface with it, and its light was smoothed over both: a halo.
+    #[test]
+    fn a_lamp_is_a_surface_of_its_own() {
+        let of = |albedo: f32| {
+            let seen = LayerPixel {
+                depth: 1.0,
+                normal: [0.0, 0.0, 1.0],
+                albedo: [albedo; 3],
+                ..LayerPixel::NOTHING
+            };
+            Surface::new(&seen)
+        };
+        assert!(!of(1.0).is_same(&of(0.99)) && of(1.0).is_same(&of(1.0)) && of(0.99).is_same(&of(0.95)));
     }
 }

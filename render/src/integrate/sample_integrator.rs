@@ -231,7 +231,9 @@ impl<'a> SampleIntegrator<'a> {
     fn layer_pixel(&self, ray: &Ray, hit: Option<CRayHit>, before: f64) -> LayerPixel {
         let Some(hit) = hit else { return LayerPixel::NOTHING };
         let material = &self.ctx.world.materials[hit.point.material as usize];
-        let albedo = (hit.point.colour * Vec3::from(material.kd) + Vec3::from(material.ks)).to_array();
+        let own = Vec3::from(material.ks) + Vec3::from(material.ke);
+        // A lamp is a surface of its own, whose light is smoothed with no other's.
+        let albedo = (hit.point.colour * Vec3::from(material.kd) + own).min(Vec3::ONE).to_array();
         let distance = before + hit.point.t;
         let (depth, normal) = (distance as f32, hit.point.shading_normal.to_array());
         let light_key = LightKey::new(&self.light_place(ray, &hit, material, distance));
