@@ -17,7 +17,7 @@ pub struct DemoArgs {
     /// What to generate
     #[arg(long, value_enum, value_name = "KIND", default_value_t = Kind::Isosurface)]
     pub kind: Kind,
-    /// Triangles to generate, within 1 % (250k, 5M, 1G)
+    /// Triangles to generate, within 1 % (250k, 5M, 1G); normals are made of them
     #[arg(long, value_name = "N", default_value = "5M", value_parser = values::count)]
     pub triangles: u64,
     /// Size of the picture, pixels

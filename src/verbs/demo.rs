@@ -1,29 +1,34 @@
 //! `trex demo`: generate, build and render under a memory limit; the other verbs in a row.
 
-use super::build::{BuildSummary, Work};
-use super::inputs;
+use super::build::{BuildSummary, Work, with_source};
+use super::inputs::InputList;
 use super::render::Job;
 use super::render_report::RenderReport;
 use super::stage::io_options;
 use crate::args::DemoArgs;
 use crate::context::Context;
 use crate::failure::Exit;
+use crate::values::Input;
 use datasets_gen::{Spec, views};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use trex_model::DeviceOptions;
 use trex_render::{Layers, Scene};
-use trex_store::build::{self, ExistingOutput, Precision, Voxels};
+use trex_store::build::{ExistingOutput, Precision, Voxels};
+use trex_store::import::VolumeOptions;
 use trex_store::printable::one_line;
 use trex_store::{Code, Error};
 
 /// Folder of the demo's files when no other is named; it is the demo's own.
 const FOLDER: &str = "out";
+/// Degrees up to which planes that meet are one smooth surface: edges of bolts stay sharp.
+const CREASE_DEG: f64 = 55.0;
 
 /// Runs `trex demo`.
 pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
-    let spec = Spec::parse(&format!("gen:{}:{}:{}", args.kind.as_str(), args.triangles, args.seed))?;
+    let name = format!("gen:{}:{}:{}", args.kind.as_str(), args.triangles, args.seed);
+    let spec = Spec::parse(&name)?;
     let folder = args.output.parent().unwrap_or(Path::new(""));
     let own = folder == Path::new(FOLDER);
     if own {
@@ -47,7 +52,9 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         voxels: Voxels::default(),
         resume: None,
     };
-    let build = work.build(&mut *inputs::generate(&spec, build::smallest_bytes(), ctx)?, ctx)?;
+    let (inputs, volumes) = ([Input::Generated(name)], VolumeOptions::default());
+    let inputs = InputList { crease_deg: Some(CREASE_DEG), ..InputList::whole(&inputs, &volumes) };
+    let build = with_source(inputs, &work.scratch_folder(), ctx, |source| work.build(source, ctx))?;
     ctx.console.finish();
 
     let mut scene = Scene::default();
