@@ -243,8 +243,7 @@ impl<'a> SampleIntegrator<'a> {
     /// Keeps what is seen where a `ray` of a path from the camera, over mirrors or not, has ended: a mirror that
     /// hardly scatters shows what is seen in it, as far away as light has come.
     fn keep_seen(&self, path: &mut Path, ray: &Ray, hit: Option<CRayHit>) {
-        let before = path.travelled - hit.map_or(0.0, |hit| hit.point.t);
-        let seen = self.layer_pixel(ray, hit, before);
+        let seen = self.layer_pixel(ray, hit, path.travelled - hit.map_or(0.0, |hit| hit.point.t));
         let albedo = (path.throughput * Vec3::from(seen.albedo)).to_array();
         path.sample.layers = Some(LayerPixel { albedo, ..seen });
         path.keeps_seen = hit.is_some_and(|hit| {
