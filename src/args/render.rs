@@ -18,8 +18,8 @@ pub struct RenderArgs {
     /// The picture: .png, or .exr for linear values and layers; of a part, .trexpart
     #[arg(short, long, value_name = "PICTURE")]
     pub output: PathBuf,
-    /// Stop after this time, with the samples done by then (90s, 2min, 1500ms); photons get
-    /// half of it at most; smoothing and writing the picture come after it
+    /// Stop after this time, with the samples done by then (90s, 2min, 1500ms); photons get half of it, or three
+    /// quarters where that brings none; smoothing and writing the picture come after it
     #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     pub time_limit: Option<Seconds>,
     /// A picture from each of these viewpoints, PICTURE-0001.png and so on, in place of the camera's own. TOML: an

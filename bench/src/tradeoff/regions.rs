@@ -59,10 +59,10 @@ pub(super) fn picture_of(path: &Path) -> anyhow::Result<Picture> {
 
 /// Bytes that the pictures of a campaign take at `resolution`, all at once.
 pub(super) fn bytes(resolution: [u32; 2]) -> u64 {
-    // Two references with seven more channels, direct light, the mean, a picture and its copy with a mask, five masks,
+    // Two references with seven more channels, direct light, the mean, a picture and its copy with a mask, six masks,
     // differences of looks; the decoder holds a picture once more.
     let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
-    pixels * (2 * 2 * (3 + 8) * 4 + 5 * 12 + 5 + 4) + flip_bytes(resolution[0])
+    pixels * (2 * 2 * (3 + 8) * 4 + 5 * 12 + 6 + 4) + flip_bytes(resolution[0])
 }
 
 impl ReferencePicture {
