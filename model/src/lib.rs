@@ -49,7 +49,7 @@ pub use picture::Picture;
 pub use picture_parts::{MergedFiles, PictureParts, part_head, read_head};
 pub use ray_rates::RayRates;
 pub use rays::{AllHits, check_rays};
-pub use scene_defaults::set_direct_without_voxels;
+pub use scene_defaults::{open_scene, set_direct_without_voxels};
 #[cfg(feature = "view")]
 pub use show::ShownModel;
 pub use times::Times;

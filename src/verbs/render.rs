@@ -10,7 +10,7 @@ use super::picture_file::PictureFile;
 use super::render_part::{self, PartReport};
 use super::render_report::{Image, Picture, RenderReport};
 use super::show::Show;
-use super::stage::{Play, Stage, io_options, open_scene, read_views, suit_file};
+use super::stage::{Play, Stage, io_options, read_views, suit_file};
 use crate::args::{Layer, RenderArgs};
 use crate::context::Context;
 use crate::failure::Exit;
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use trex_model::RayRates;
-use trex_model::{DeviceOptions, Pace, SessionOptions};
+use trex_model::{DeviceOptions, Pace, SessionOptions, open_scene};
 use trex_render::{
     Camera, Event, Fov, FrameOptions, Layers, MeshTracer, PagedTracer, PhotonStats, Portion, RayCounts,
     RenderKeys, RenderStats, Scene, Session,

@@ -12,13 +12,13 @@
 
 use super::build::{Work, resume_of};
 use super::inputs::{self, InputList};
-use super::stage::open_scene;
 use crate::args::ViewArgs;
 use crate::context::Context;
 use crate::values::Input;
 use std::cell::Cell;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use trex_model::open_scene;
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
 use trex_store::import::{ByteOrder, Format, RawVolume, VolumeOptions};
 use trex_store::output::{check_apart, draft};

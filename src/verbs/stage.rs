@@ -5,7 +5,7 @@ use crate::args::DiskArgs;
 use crate::context::Context;
 use crate::size;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use trex_model::{
     DamagePolicy, DeviceOptions, DeviceReport, Model, OpenOptions, Session, SessionOptions, ThreadSource,
@@ -15,7 +15,7 @@ use trex_render::{Camera, MemoryPlan, Scene, parse_views};
 use trex_store::io::{IoDescription, IoOptions};
 use trex_store::layout::PageKind;
 use trex_store::pool::{PagePool, PageState};
-use trex_store::{Error, PageFile, Result, StopSignal, is_url, open_regular};
+use trex_store::{Error, PageFile, Result, StopSignal, open_regular};
 
 /// Counts of pages that are in frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -119,24 +119,6 @@ impl Stage {
     }
 }
 
-/// A `.toml` is a scene that names a page file; anything else is a page file, which is lit and shown so that all of it
-/// can be seen.
-pub fn open_scene(file: &Path) -> Result<(Scene, PathBuf)> {
-    if !file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
-        return Ok((Scene::of_file(), file.to_path_buf()));
-    }
-    let text = read_text("read the scene", file)?;
-    let scene = Scene::parse(&text, file)?;
-    // An address stands for itself.
-    let is_whole = is_url(Path::new(&scene.model));
-    let model = if is_whole {
-        PathBuf::from(&scene.model)
-    } else {
-        file.parent().unwrap_or(Path::new("")).join(&scene.model)
-    };
-    Ok((scene, model))
-}
-
 /// What nobody has asked for gives way to what the file has: without voxels there is direct light, with a note.
 ///
 /// # Errors
@@ -154,14 +136,9 @@ pub fn io_options(disk: &DiskArgs) -> IoOptions {
     IoOptions { io: disk.io.choice(), direct: disk.direct.choice(), ..IoOptions::default() }
 }
 
-/// The text of a file.
-fn read_text(doing: &str, path: &Path) -> Result<String> {
-    let file = open_regular(path)?;
-    std::io::read_to_string(file).map_err(|error| Error::io(doing, path, &error))
-}
-
 /// The viewpoints of a file, otherwise like `camera`.
 pub fn read_views(path: &Path, camera: &Camera) -> Result<Vec<Camera>> {
-    let text = read_text("read the views", path)?;
+    let text = std::io::read_to_string(open_regular(path)?)
+        .map_err(|error| Error::io("read the views", path, &error))?;
     parse_views(&text, camera).map_err(|error| error.at(path))
 }

@@ -2,7 +2,7 @@
 
 use super::picture_file::PictureFile;
 use super::references::{self, references, snapshots};
-use super::stage::{Play, ResidentPages, Stage, io_options, open_scene, suit_file};
+use super::stage::{Play, ResidentPages, Stage, io_options, suit_file};
 use super::stress_options::{T_MAX, stress_options, tell};
 use super::stress_pictures::StressPictures;
 use crate::args::{STRESS_RESOLUTION, StressArgs};
@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use trex_bench::stress::{self, DragFigures, Snapshots, Stand, StressFigures};
-use trex_model::{DeviceReport, Pace, SessionOptions, Times};
+use trex_model::{DeviceReport, Pace, SessionOptions, Times, open_scene};
 use trex_render::{FetchBlock, Layers};
 use trex_store::StopSignal;
 use trex_store::io::IoDescription;

@@ -3,10 +3,10 @@
 //! Invariant: masks have a flag a pixel, row by row; no pixel is in both.
 
 use super::regions::Mask;
-use std::path::{Path, PathBuf};
-use trex_model::{Model, OpenOptions};
-use trex_render::{CameraKeys, Exposure, LightRig, Scene};
-use trex_store::{Error, Interrupt};
+use std::path::Path;
+use trex_model::{Model, OpenOptions, open_scene};
+use trex_render::{CameraKeys, Exposure, LightRig};
+use trex_store::Interrupt;
 
 /// Reflectance from which a surface counts as glossy, in any channel.
 const GLOSS_LEAST: f32 = 0.02;
@@ -28,7 +28,7 @@ pub(super) struct SeenView<'a> {
 /// # Errors
 /// Those of the scene, of the page file, and of its pages; [`trex_store::Code::Interrupted`].
 pub(super) fn masks(view: &SeenView<'_>, interrupt: &Interrupt) -> anyhow::Result<[Mask; 2]> {
-    let (mut scene, file) = scene_of(view.model)?;
+    let (mut scene, file) = open_scene(view.model)?;
     scene.camera = view.camera.unwrap_or(scene.camera);
     scene.render.resolution = view.resolution;
     // Rays through pixels are all that is asked for: no look that decides on light.
@@ -46,15 +46,4 @@ pub(super) fn masks(view: &SeenView<'_>, interrupt: &Interrupt) -> anyhow::Resul
         masks[1].1.push(is_mirror);
     }
     Ok(masks)
-}
-
-/// The scene that a file is or is of, and the page file.
-fn scene_of(path: &Path) -> anyhow::Result<(Scene, PathBuf)> {
-    if path.extension().is_none_or(|ending| ending != "toml") {
-        return Ok((Scene::of_file(), path.to_owned()));
-    }
-    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, &error))?;
-    let scene = Scene::parse(&text, path)?;
-    let file = path.parent().unwrap_or(Path::new("")).join(&scene.model);
-    Ok((scene, file))
 }
