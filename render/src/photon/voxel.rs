@@ -104,8 +104,7 @@ impl VoxelPhotons<'_> {
     /// # Errors
     /// [`trex_store::Code::MemoryLimit`] when there is no room for the sums of a pass.
     pub(crate) fn begin(&self, form: MapForm) -> Result<PassInWork> {
-        let pass = PhotonPass::new(form, self.flux(), self.budget)?;
-        Ok(PassInWork { pass, done: 0 })
+        Ok(PassInWork { pass: PhotonPass::new(form, self.flux(), self.budget)?, done: 0 })
     }
 
     /// Empties the sums, for lights that have changed.
@@ -138,25 +137,32 @@ impl VoxelPhotons<'_> {
         };
         let first = map.photons();
         let send = |indices: Range<u64>| {
-            let (stats, is_whole) = self.go_on(work, &indices, &sources, stop);
-            if !is_whole {
+            let stats = self.go_on(work, &indices, &sources, stop);
+            if work.done < indices.end - indices.start {
                 return ControlFlow::Break(stats);
             }
-            let count = indices.end - indices.start;
-            map.fold(&mut work.pass, count, self.voxels.octree().facets(), self.voxels.leaf_side());
+            self.fold(work, map);
             ControlFlow::Continue(stats)
         };
         send_in_passes(first..target, send, tell)
     }
 
-    /// Goes on with the pass of `indices`; true when it is whole.
+    /// Takes the photons of a pass into `map`, also those of one that was stopped: the next pass begins after them.
+    pub(crate) fn fold(&self, work: &mut PassInWork, map: &mut PhotonMap) {
+        let (facets, photons) = (self.voxels.octree().facets(), std::mem::take(&mut work.done));
+        if photons > 0 {
+            map.fold(&mut work.pass, photons, facets, self.voxels.leaf_side());
+        }
+    }
+
+    /// Goes on with the pass of `indices`.
     fn go_on(
         &self,
         work: &mut PassInWork,
         indices: &Range<u64>,
         sources: &PhotonSources<'_>,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> (PhotonStats, bool) {
+    ) -> PhotonStats {
         let count = indices.end - indices.start;
         let (next, pass) = (AtomicU64::new(work.done), &work.pass);
         let photons = batch_photons(&self.g_stage.needs());
@@ -176,11 +182,7 @@ impl VoxelPhotons<'_> {
         workers.iter().for_each(|mine| stats.add(mine));
         // Batches that were taken are done.
         work.done = next.into_inner().min(count);
-        let is_whole = work.done == count;
-        if is_whole {
-            work.done = 0;
-        }
-        (stats, is_whole)
+        stats
     }
 
     /// The photons of some indices, side by side: a ray of each, then another of those that go on.

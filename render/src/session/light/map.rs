@@ -97,7 +97,11 @@ impl IndirectLight for MapLight {
         let target = work.world.settings.photons;
         let Some(photons) = work.voxel_photons() else { return Ok(PhotonStats::default()) };
         let mut pass = photons.begin(self.shown.form())?;
-        Ok(photons.trace((&mut pass, &mut self.shown), target, work.stop, &mut |done| tell(done, target)))
+        let stats =
+            photons.trace((&mut pass, &mut self.shown), target, work.stop, &mut |done| tell(done, target));
+        // A pass that was stopped is light, too.
+        photons.fold(&mut pass, &mut self.shown);
+        Ok(stats)
     }
 
     fn go_live(&mut self, work: &LightWork<'_>, room: Lease) -> Result<()> {
@@ -136,7 +140,7 @@ impl IndirectLight for MapLight {
     }
 
     fn is_whole(&self) -> bool {
-        self.next.as_ref().is_none_or(NextMap::is_idle)
+        self.next.as_ref().is_none_or(|next| next.share.is_none())
     }
 
     fn precedes_response(&self) -> bool {
@@ -171,11 +175,6 @@ impl NextMap {
         self.share = Some(0.0);
     }
 
-    /// True when nothing is on its way.
-    fn is_idle(&self) -> bool {
-        self.share.is_none()
-    }
-
     /// Sends photons until `stop` says so, and swaps the maps when the `target` is reached.
     fn advance(
         &mut self,
@@ -184,20 +183,19 @@ impl NextMap {
         target: u64,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> (u64, Arrival) {
-        if self.is_idle() {
+        if self.share.is_none() {
             return (0, Arrival::Nothing);
         }
         let before = self.map.photons();
         let stats = photons.trace((&mut self.work, &mut self.map), target, stop, &mut |_| {});
         self.share = Some((self.map.photons() as f64 / target as f64) as f32);
-        let has_more = self.map.photons() > before;
         // Without any light there is nothing to wait for.
         let is_done = self.map.photons() >= target || !photons.is_lit();
         if is_done {
             std::mem::swap(&mut self.map, shown);
             self.share = None;
         }
-        (stats.rays, if is_done || has_more { Arrival::Blended } else { Arrival::Nothing })
+        (stats.rays, if is_done || self.map.photons() > before { Arrival::Blended } else { Arrival::Nothing })
     }
 }
 
@@ -357,6 +355,30 @@ mod tests {
         restart(&mut session, &mut light);
         assert!(rest(&mut session, &mut light) && light.is_whole());
         check(&light, |_| Vec3::ZERO);
+    }
+
+    /// What has been sent when it is stopped is light, also in the middle of a pass; later photons come on top of it.
+    #[test]
+    fn photons_of_a_pass_that_is_stopped_count() {
+        let mut session = session();
+        let mut light =
+            MapLight { shown: PhotonMap::new(form(&session), &session.budget).unwrap(), next: None };
+        let mut send = |session: &mut Session<_>, batches| {
+            let (asked, mut told) = (AtomicU64::new(0), vec![]);
+            let stop = || asked.fetch_add(1, Ordering::Relaxed) >= batches;
+            let mut work = session.light_parts(&stop).1;
+            light.illuminate(&mut work, &mut |done, _| told.push(done)).unwrap();
+            (light.shown.irradiance().collect::<Vec<_>>(), light.shown.photons(), told)
+        };
+        let (none, photons, _) = send(&mut session, 0);
+        assert_eq!((photons, none.iter().flatten().sum::<f32>()), (0, 0.0));
+        let (part, photons, told) = send(&mut session, 20);
+        assert!((1..PASS_PHOTONS).contains(&photons) && told.is_empty(), "{photons} {told:?}");
+        assert!(part.into_iter().eq(whole(&mut session, photons).irradiance()));
+        let (_, photons, told) = send(&mut session, u64::MAX);
+        assert_eq!((photons, told.len()), (TARGET, 3));
+        let (found, expected) = (mean(&light.shown), mean(&whole(&mut session, TARGET)));
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
     }
 
     /// Light that is not whole when frames end is not that of the world: it is to be sent again.
