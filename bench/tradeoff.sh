@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Error against time and memory, every knob, on five models: the Cornell box, as it is and with a mirror and a glossy wall, Sponza, the
-# plant from inside, the iso-surface, and a CAD board, which is built in all ways, too. Three hours of a quiet machine; models that are missing are built first, the box, Sponza
-# and the board of `../shared/models`. What is stopped goes on where it was.
+# plant from inside, the iso-surface, and a CAD board, which is built in all ways, too. Three hours of a quiet machine; models that
+# are missing are built first, the box, Sponza and the board of `../shared/models`. What is stopped goes on where it was.
 #
 #   bench/tradeoff.sh WORK_FOLDER [ROUNDS [FRONT...]]        ROUNDS: runs of each point, 3 unless told
 set -euo pipefail
