@@ -205,7 +205,9 @@ fn scaled(number: f64, step: f64, units: &[&str]) -> String {
         small if small > 0.0 && small < 0.01 => {
             return format!("{value:.2e} {}", units[unit]).trim_end().to_owned();
         }
-        small if small < 9.995 => 2,
+        small if small < 0.09995 => 4,
+        small if small < 0.9995 => 3,
+        middle if middle < 9.995 => 2,
         middle if middle < 99.95 => 1,
         _ => 0,
     };
@@ -231,7 +233,9 @@ mod tests {
             (999.0, "triangle_count", "999"),
             (4.021, "bytes_per_triangle.disk", "4.02"),
             (0.00012, "rmse", "1.20e-4"),
-            (0.25, "error_at_ms.33.median", "0.25"),
+            (0.25, "error_at_ms.33.median", "0.250"),
+            (0.0634, "flip", "0.0634"),
+            (0.9996, "coverage", "1.00"),
             (0.0, "holes", "0"),
         ] {
             assert_eq!(with_unit(number, key), expected, "{key}");
