@@ -58,7 +58,14 @@ fn a_campaign_tells_what_pictures_cost_and_goes_on_where_it_was() {
         let flip = point["errors"]["whole"]["flip"].as_f64().unwrap();
         assert!((0.0..1.0).contains(&flip) && flip > 0.0, "{point:#}");
     }
-    assert!(!first["front"].as_object().unwrap().is_empty());
+    let bits = &found("grid-bits")[2];
+    assert_eq!(bits["value"], "14");
+    assert_eq!(first["settings"]["grid-bits-14"]["flip"], bits["errors"]["whole"]["flip"]);
+    let front = first["front"].as_object().unwrap();
+    assert!(!front.is_empty());
+    for on_front in front.values() {
+        assert_eq!(on_front, &first["settings"][on_front["setting"].as_str().unwrap()]);
+    }
     let (bare, normal) = (found("no-asvo")[0], &first["qualities"]["normal"]);
     let expected = bare["errors"]["whole"]["relmse"].as_f64().unwrap() / normal["relmse"].as_f64().unwrap();
     let told = first["without"]["octree"]["relmse_ratio"].as_f64().unwrap();

@@ -40,6 +40,8 @@ pub struct TradeoffFigures {
     pub round_count: usize,
     /// All of them, in the order of the sweep.
     pub points: Vec<PointFigures>,
+    /// All of them that have a picture, in short, by their settings.
+    pub settings: BTreeMap<String, Summary>,
     /// The qualities, by name.
     pub qualities: BTreeMap<String, Summary>,
     /// What `normal` is without each of its parts, where these knobs were turned.
@@ -53,6 +55,8 @@ pub struct TradeoffFigures {
 /// A picture in short.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
+    /// The knob and what it is turned to, joined by dashes: `n-gather-8`, `photon-spp-32-photons-4M-near-exact`.
+    pub setting: String,
     /// From the start of the process to its end, milliseconds.
     pub picture_ms: f64,
     /// relMSE of the whole picture.
@@ -146,6 +150,12 @@ impl Measurement {
 }
 
 impl PointFigures {
+    fn setting(&self) -> String {
+        let told = format!("{} {}", self.knob, self.value);
+        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '.';
+        told.split(|c| !is_word(c)).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+    }
+
     fn summary(&self) -> Option<Summary> {
         let measured = self.measured.as_ref()?;
         let parts = |error: fn(&RegionError) -> Option<f64>| {
@@ -154,6 +164,7 @@ impl PointFigures {
         };
         let whole = measured.errors["whole"];
         Some(Summary {
+            setting: self.setting(),
             picture_ms: measured.picture_ms,
             relmse: measured.relmse()?,
             parts_relmse: parts(|part| part.relmse),
@@ -164,6 +175,15 @@ impl PointFigures {
             front_distance: self.front_distance,
         })
     }
+}
+
+/// The points that have a picture, by their settings.
+pub(super) fn settings(points: &[PointFigures]) -> BTreeMap<String, Summary> {
+    points
+        .iter()
+        .filter_map(PointFigures::summary)
+        .map(|summary| (summary.setting.clone(), summary))
+        .collect()
 }
 
 /// Those of `points` that are named by what the knob `quality` is turned to.

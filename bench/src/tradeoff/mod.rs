@@ -124,6 +124,7 @@ pub fn run(options: &TradeoffOptions, around: &Around<'_>) -> anyhow::Result<Tra
         reference_spp: options.reference_spp,
         reference_relmse: reference.floor,
         round_count: options.rounds,
+        settings: figures::settings(&told),
         qualities: figures::qualities(&told),
         without: figures::without(&told),
         front: figures::by_time(&told),
