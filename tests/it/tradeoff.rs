@@ -167,3 +167,15 @@ fn a_picture_of_which_nothing_is_said_is_normal() {
     assert!(ran.stderr.contains("no voxels"), "{}", ran.stderr);
     run_in(inside.path(), &format!("{line} --quality normal --json")).expect_error(3, "scene-format");
 }
+
+/// A turn of a knob that `build` refuses ended the campaign.
+#[test]
+fn each_turn_of_a_knob_of_the_build_has_a_picture() {
+    let inside = folder();
+    let line = "bench tradeoff gen:isosurface:2k -o trade --resolution 8x8 --reference-spp 2 --knobs upper,finest";
+    let document = document_in(inside.path(), line);
+    assert_eq!(points(&document).len(), 9);
+    for point in points(&document) {
+        assert!(point["picture_ms"].is_f64(), "{point:#}");
+    }
+}

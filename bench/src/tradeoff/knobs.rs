@@ -69,7 +69,7 @@ pub(super) const KNOBS: [Knob; 22] = [
         ..knob("full-gi", "--spp", &["1", "4", "16", "64"])
     },
     build("grid-bits", "--grid-bits", &["10", "12", "14", "16", "18", "20", "22", "24"]),
-    build("upper", "--voxels", &["64", "128", "256", "512", "1024"]),
+    build("upper", "--voxels", &["64", "256", "512", "1024"]),
     build("finest", "--voxels", &["64/256", "256/1024", "512/2048", "1024/4096", "256/4096"]),
     build("no-asvo", "--no-asvo", &[""]),
 ];

@@ -250,10 +250,9 @@ impl<'a> PointSubject<'a> {
             if build.is_empty() { build } else { format!(" #{build}") }
         );
         let measured: Result<Measurement, String> = campaign.once(&key, |campaign| {
-            if let Some(flags) = &point.build {
-                self.built(&variant, flags, campaign)?;
-            }
-            let measured = self.measure(&words, &model, reference, campaign);
+            let flags = point.build.as_deref();
+            let built = flags.map_or(Ok(model.clone()), |flags| self.built(&variant, flags, campaign));
+            let measured = built.and_then(|model| self.measure(&words, &model, reference, campaign));
             if point.build.is_some() {
                 // A model for each turn of the knob would fill the disk.
                 let _ = fs::remove_file(&model);
