@@ -3,11 +3,11 @@
 use crate::command::cannot_run;
 use crate::fixtures::model_with;
 use crate::random::Random;
-use crate::support::Built;
+use crate::support::{Built, Mesh, build_options, build_source};
 use std::sync::Arc;
 use trex_render::{Occluders, PacketWidth, Ray, VoxelHit, VoxelScene};
 use trex_store::Budget;
-use trex_store::build::Voxels;
+use trex_store::build::{BuildOptions, Voxels};
 use trex_store::octree::UpperOctree;
 
 fn octree_of(spec: &str, resolution: u32) -> (Arc<Built>, UpperOctree) {
@@ -294,4 +294,23 @@ fn surfaces_are_in_their_voxels() {
             }
         }
     }
+}
+
+/// Leaves of a plane across an axis are alike and take little of the file, so that there may be more of them for as
+/// many triangles: light leaks round the thin walls of a CAD model.
+#[test]
+fn what_lies_across_an_axis_gets_finer_voxels() {
+    let resolution_of = |slant: f64| {
+        let corner = |x: u32, y: u32| {
+            let [x, y] = [x, y].map(|v| f64::from(v) / 330.0);
+            [x, y * slant.cos(), y * slant.sin()]
+        };
+        let places = (0..33).flat_map(|y| (0..330).map(move |x| (x, y)));
+        let quads = places.map(|(x, y)| [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(a, b)| corner(x + a, y + b)));
+        let triangles = quads.flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let options = BuildOptions { voxels: Voxels::Within { upper_bytes: 64 << 20 }, ..build_options() };
+        let built = build_source(&mut Mesh::new("strip", triangles), &options);
+        built.file.upper_size().unwrap().unwrap().resolution
+    };
+    assert_eq!([0.0, 0.7].map(resolution_of), [512, 256]);
 }

@@ -10,7 +10,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
 /// Says that a file is a journal, and of which form.
-const FORMAT: &str = "trex-journal/3";
+const FORMAT: &str = "trex-journal/4";
 /// Longest journal: names and numbers of inputs.
 const JOURNAL_BYTES: u64 = 1 << 20;
 

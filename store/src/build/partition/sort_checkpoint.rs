@@ -17,6 +17,7 @@ use super::cells::{CellPlace, PartitionCells, first_levels, is_on_lattice};
 use super::collapsed::CollapsedSizes;
 use super::colour_means::ColourMeans;
 use super::snap::{Prefix, SnapSummary};
+use super::surface::SurfaceSums;
 use crate::attributes::AttributeSet;
 use crate::budget::Budget;
 use crate::build::journal::record::JournalRecord;
@@ -59,7 +60,7 @@ struct SortedHead {
     rejected_non_finite: u64,
     is_exact: bool,
     lattice_bounds: [[i64; 3]; 2],
-    surface: [[u64; 2]; 3],
+    surface: SurfaceSums,
     scratch_bytes: u64,
 }
 

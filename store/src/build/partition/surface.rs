@@ -23,7 +23,14 @@ const POINTS_PER_LEAF: f64 = 2.0;
 const LEAVES_MOST: f64 = 64.0;
 
 /// How much surface there is.
-pub(crate) struct Surface([Counter; RESOLUTIONS.len()]);
+pub(crate) struct Surface {
+    counters: [Counter; RESOLUTIONS.len()],
+    /// Shadows of triangles that lie across an axis, squares of the lattice step.
+    flat: f64,
+}
+
+/// What [`Surface::parts`] gives beside the sketches: large and small of each resolution, and flat, as bits.
+pub(crate) type SurfaceSums = [u64; 2 * RESOLUTIONS.len() + 1];
 
 /// At one resolution.
 struct Counter {
@@ -40,17 +47,22 @@ impl Surface {
     /// None yet.
     pub(crate) fn new(scan: &Scan, grid: &Grid) -> Surface {
         let [lo, hi] = [scan.bounds.lo, scan.bounds.hi].map(|corner| grid.lattice.snap(corner));
-        Surface(RESOLUTIONS.map(|resolution| {
+        let counters = RESOLUTIONS.map(|resolution| {
             let leaf_steps = VoxelGrid::from_bounds(lo, hi, resolution, Refinement::None).leaf_steps() as f64;
             let per_step = 1.0 / leaf_steps;
             Counter { leaf_steps, per_step, large: 0.0, small: 0.0, sketch: Sketch::default() }
-        }))
+        });
+        Surface { counters, flat: 0.0 }
     }
 
     pub(crate) fn add(&mut self, q: &[[i64; 3]; 3]) {
-        let shadows = shadows(q);
+        let by_axis = shadows(q);
+        let shadows = by_axis.iter().sum::<f64>();
+        if by_axis.contains(&shadows) {
+            self.flat += shadows;
+        }
         let corner = q[0].map(|v| v as f64);
-        for counter in &mut self.0 {
+        for counter in &mut self.counters {
             let per_step = counter.per_step;
             let leaves = shadows * (per_step * per_step);
             if leaves > LEAVES_MOST {
@@ -66,33 +78,43 @@ impl Surface {
     }
 
     /// Sums, as bits, and registers of the sketches, one resolution after the other: what [`Self::restore`] takes.
-    pub(crate) fn parts(&self) -> ([[u64; 2]; RESOLUTIONS.len()], Vec<u8>) {
-        let sums = |counter: &Counter| [counter.large.to_bits(), counter.small.to_bits()];
-        let registers = self.0.iter().flat_map(|counter| &counter.sketch.registers);
-        ([0, 1, 2].map(|which| sums(&self.0[which])), registers.copied().collect())
+    pub(crate) fn parts(&self) -> (SurfaceSums, Vec<u8>) {
+        let mut sums = [self.flat.to_bits(); 2 * RESOLUTIONS.len() + 1];
+        for (sums, counter) in sums.chunks_exact_mut(2).zip(&self.counters) {
+            sums.copy_from_slice(&[counter.large, counter.small].map(f64::to_bits));
+        }
+        let registers = self.counters.iter().flat_map(|counter| &counter.sketch.registers);
+        (sums, registers.copied().collect())
     }
 
     /// Puts back what [`Self::parts`] gave; false for what it cannot have given.
-    pub(crate) fn restore(&mut self, sums: [[u64; 2]; RESOLUTIONS.len()], registers: &[u8]) -> bool {
-        let is_sum = |&sum: &u64| f64::from_bits(sum).is_finite() && f64::from_bits(sum) >= 0.0;
+    pub(crate) fn restore(&mut self, sums: SurfaceSums, registers: &[u8]) -> bool {
+        let sums = sums.map(f64::from_bits);
         let is_whole = registers.len() == RESOLUTIONS.len() << REGISTER_BITS;
         if !is_whole
-            || !sums.as_flattened().iter().all(is_sum)
+            || !sums.iter().all(|sum| sum.is_finite() && *sum >= 0.0)
             || registers.iter().any(|&r| r > REGISTER_MOST)
         {
             return false;
         }
-        let each = registers.chunks_exact(1 << REGISTER_BITS).zip(sums);
-        for (counter, (registers, sums)) in self.0.iter_mut().zip(each) {
-            [counter.large, counter.small] = sums.map(f64::from_bits);
+        let each = registers.chunks_exact(1 << REGISTER_BITS).zip(sums.chunks_exact(2));
+        for (counter, (registers, sums)) in self.counters.iter_mut().zip(each) {
+            (counter.large, counter.small) = (sums[0], sums[1]);
             counter.sketch.registers.copy_from_slice(registers);
         }
+        self.flat = sums[2 * RESOLUTIONS.len()];
         true
+    }
+
+    /// The share of the surface that lies across an axis, by its shadows; 0 of none.
+    pub(crate) fn flat_share(&self) -> f64 {
+        let all = self.counters[0].large + self.counters[0].small;
+        if all > 0.0 { self.flat / all } else { 0.0 }
     }
 
     /// The number of leaves at `RESOLUTIONS[which]`, about, where they have so many lattice steps.
     pub(crate) fn leaf_count(&self, which: usize, leaf_steps: i64) -> f64 {
-        let counter = &self.0[which];
+        let counter = &self.counters[which];
         let leaves = |shadows: f64| shadows / (leaf_steps as f64).powi(2);
         let marked = leaves(counter.sketch.count() * counter.leaf_steps * counter.leaf_steps);
         leaves(counter.large) + (LEAVES_PER_MARK * marked).min(leaves(counter.small))
@@ -110,12 +132,12 @@ fn point(q: &[[i64; 3]; 3], index: u32) -> [f64; 3] {
     })
 }
 
-/// Areas of the shadows on the three planes of the axes, added, squares of the lattice step: a plane meets so many
-/// voxels of side 1 (one a square where it lies along an axis, 1.7 across a diagonal).
-fn shadows(q: &[[i64; 3]; 3]) -> f64 {
+/// Areas of the shadows on the three planes of the axes, squares of the lattice step: a plane meets as many voxels of
+/// side 1 as they are together (one a square where it lies across an axis, 1.7 across a diagonal).
+fn shadows(q: &[[i64; 3]; 3]) -> [f64; 3] {
     let edge = |i: usize, a: usize| (q[i][a] - q[0][a]) as f64;
     let twice = |a: usize, b: usize| (edge(1, a) * edge(2, b) - edge(1, b) * edge(2, a)).abs();
-    0.5 * (twice(1, 2) + twice(2, 0) + twice(0, 1))
+    [twice(1, 2), twice(2, 0), twice(0, 1)].map(|twice| 0.5 * twice)
 }
 
 /// Bits of a register's number, and its greatest value.
