@@ -2,7 +2,7 @@
 # The experiments of the T-ReX paper on our models, kept as records. Two hours of a quiet machine, most of
 # it `full-gi` and the tall builds; models that are missing are built first.
 #
-#   bench/paper.sh WORK_FOLDER [PART...]
+#   bench/paper.sh WORK_FOLDER [PART...]        SCENES="NAME...": these of bench/scenes alone, where a part goes by scenes
 #
 #   blocks       response and rays by the size of a fetch block (figure 6)
 #   orders       which tiles come first: time of the picture, and error against time (section 5.2)
@@ -31,6 +31,7 @@ declare -A has_truth
 two="--n-shadow 2 --n-gather 2"
 scenes="isosurface pipes-overview pipes-interior scan"
 [ ! -d "$models" ] || scenes="$scenes kicad-1m sponza"
+scenes=${SCENES:-$scenes}
 build_scenes $scenes
 
 # picture NAME SCENE FILE ARGUMENTS...: a picture of 512x512 as its samples are, in out/.
