@@ -1,7 +1,7 @@
 //! What a campaign came to: its points, which of them are on a front, and the plots.
 
-use super::front;
 use super::regions::RegionError;
+use super::{front, knobs};
 use crate::plot::{self, Line};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -150,12 +150,6 @@ impl Measurement {
 }
 
 impl PointFigures {
-    fn setting(&self) -> String {
-        let told = format!("{} {}", self.knob, self.value);
-        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '.';
-        told.split(|c| !is_word(c)).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
-    }
-
     fn summary(&self) -> Option<Summary> {
         let measured = self.measured.as_ref()?;
         let parts = |error: fn(&RegionError) -> Option<f64>| {
@@ -164,7 +158,7 @@ impl PointFigures {
         };
         let whole = measured.errors["whole"];
         Some(Summary {
-            setting: self.setting(),
+            setting: knobs::setting(&self.knob, &self.value),
             picture_ms: measured.picture_ms,
             relmse: measured.relmse()?,
             parts_relmse: parts(|part| part.relmse),

@@ -83,6 +83,13 @@ pub fn names() -> [&'static str; KNOBS.len()] {
     KNOBS.each_ref().map(|knob| knob.name)
 }
 
+/// A point in a word: the knob and what it is turned to, joined by dashes.
+pub(super) fn setting(knob: &str, value: &str) -> String {
+    let told = format!("{knob} {value}");
+    let is_apart = |c: char| !c.is_ascii_alphanumeric() && c != '.';
+    told.split(is_apart).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+}
+
 fn words(text: &str) -> impl Iterator<Item = String> {
     text.split_whitespace().map(str::to_owned)
 }
@@ -117,8 +124,7 @@ mod tests {
     #[test]
     fn each_point_is_one_alone() {
         let points: Vec<Point> = KNOBS.iter().flat_map(|knob| knob.points(&[1 << 27, 1 << 28])).collect();
-        let mut told: Vec<String> =
-            points.iter().map(|point| format!("{} {}", point.knob, point.value)).collect();
+        let mut told: Vec<String> = points.iter().map(|point| setting(point.knob, &point.value)).collect();
         told.sort();
         told.dedup();
         assert_eq!(told.len(), points.len());

@@ -8,9 +8,9 @@ use crate::octree::{Refinement, VoxelGrid, leaf_bytes};
 
 /// Bytes of a triangle on disk: measured, rounded.
 const DISK_BYTES_PER_TRIANGLE: f64 = 2.5;
-/// Bytes of a leaf there: of surface across an axis, whose leaves are alike, and of any other. By the shares of both a
-/// leaf of the Cornell box comes to 3.5, of Sponza 2.3, of a CAD board 1.7, of a scan and of an iso-surface 8; it takes
-/// 0.4, 0.7, 1.5, 4.7 and 7.6.
+/// Bytes of a leaf there: of surface across an axis, whose leaves are alike, and of any other. Files have 0.4 of the
+/// Cornell box, 0.7 of Sponza and 1.5 of a CAD board, all mostly flat, 4.7 of a scan and 7.6 of an iso-surface: says
+/// `trex info`.
 const DISK_BYTES_PER_LEAF: [f64; 2] = [1.0, 8.0];
 /// Times that a surface crosses its cube, for the plan: 4.35 on `gen:isosurface:20k`, rounded up.
 const PLAN_CROSSINGS: f64 = 5.0;
