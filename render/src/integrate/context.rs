@@ -11,7 +11,7 @@ use crate::scene::method::{Method, Near, Shadows};
 use crate::scene::settings::RenderKeys;
 use crate::scene::world::{Model, World};
 use crate::shading::bsdf::{Bsdf, takes_shadow_rays};
-use crate::shading::light::LightSample;
+use crate::shading::light::{LightSample, SkyBy};
 use crate::shading::surface::SurfaceInteraction;
 use crate::trace::Ray;
 use crate::voxel::{MissingUnits, Occluders};
@@ -190,7 +190,8 @@ impl<'a> RenderContext<'a> {
         let count = self.n_shadow();
         let u = path.sampler.draw(Decision::Light { vertex: path.vertex, index, count });
         let point = surface.shading_point(&self.world.materials);
-        let sample = self.world.lights.sample(&point, u)?;
+        let sky_by = if self.n_gather() > 0 { SkyBy::GatherRays } else { SkyBy::LightSamples };
+        let sample = self.world.lights.sample(&point, sky_by, u)?;
         let cos = surface.normal.dot(sample.wi) as f32;
         let weight = cos * mis_weight(&point.bsdf, &sample, count);
         let returned = weight * (point.bsdf.eval(sample.wi) * sample.weight);

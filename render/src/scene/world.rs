@@ -6,7 +6,7 @@ use super::camera::{Camera, Projection};
 use super::framing::up_axis;
 use super::method::LightRig;
 use super::settings::{RenderKeys, RenderSettings};
-use crate::shading::light::{Emitter, Light, Lights, SkyBy};
+use crate::shading::light::{Emitter, Light, Lights};
 use crate::trace::Parts;
 use crate::voxel::{Occluders, Voxels};
 use glam::Vec3;
@@ -174,13 +174,12 @@ impl World {
             LightRig::Studio => lights.with_sun_and_sky(up.into()),
             LightRig::Auto | LightRig::Scene => lights,
         };
-        let sky_by = if method.gathers() { SkyBy::GatherRays } else { SkyBy::LightSamples };
         let mean_colours = mean_colours(&materials);
         Ok(World {
             parts: Arc::new(view.parts.with_colours(&mean_colours)),
             lod_distance: World::lod_distance(model, &projection, settings.lod_error),
             projection,
-            lights: lights.with_sky_by(sky_by),
+            lights,
             mean_colours,
             materials,
             settings,

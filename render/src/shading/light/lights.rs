@@ -26,7 +26,6 @@ pub struct Lights {
     lights: Vec<Light>,
     emitters: Emitters,
     sky: Vec3,
-    sky_by: SkyBy,
     /// The sun and the sky of models without lights are among them.
     has_defaults: bool,
 }
@@ -95,8 +94,7 @@ impl Lights {
         let emitters = Emitters::new(emitters, materials);
         let defaults = default_lights(up);
         let has_defaults = lights.is_empty() && emitters.is_empty();
-        let (sky, sky_by) = (Vec3::ZERO, SkyBy::LightSamples);
-        let mut all = Lights { lights: vec![], emitters, sky, sky_by, has_defaults };
+        let mut all = Lights { lights: vec![], emitters, sky: Vec3::ZERO, has_defaults };
         all.add(if has_defaults { &defaults } else { lights });
         Ok(all)
     }
@@ -116,11 +114,6 @@ impl Lights {
                 _ => self.lights.push(*light),
             }
         }
-    }
-
-    /// Lights as these, with the sky brought by the rays that `sky_by` names.
-    pub(crate) fn with_sky_by(self, sky_by: SkyBy) -> Lights {
-        Lights { sky_by, ..self }
     }
 
     /// Radiance from where nothing is hit, linear RGB.
@@ -173,13 +166,11 @@ impl Lights {
         self.lights.iter().map(Source::from).chain(emitters).chain([Source::Sky(self.sky)])
     }
 
-    /// The sources that light samples go to.
-    pub(super) fn sampled_sources(&self) -> impl Iterator<Item = Source<'_>> {
-        let is_sampled = |source: &Source<'_>| match source {
-            Source::Sky(_) => self.sky_by == SkyBy::LightSamples,
-            _ => true,
-        };
-        self.sources().filter(is_sampled)
+    /// The sources that light samples go to, where the sky's light comes by `sky_by`.
+    pub(super) fn sampled_sources(&self, sky_by: SkyBy) -> impl Iterator<Item = Source<'_>> {
+        let is_left_out =
+            move |source: &Source<'_>| sky_by == SkyBy::GatherRays && matches!(source, Source::Sky(_));
+        self.sources().filter(move |source| !is_left_out(source))
     }
 
     /// The rectangles whose front `ray` crosses before `t_max`, and at which parameter.

@@ -7,7 +7,7 @@
 //! Invariants: 1. the estimate is positive wherever a source brings light, so the mean of the samples is right;
 //! 2. a sample is drawn on the side of the surface that its normal shows.
 
-use super::lights::{Lights, Source};
+use super::lights::{Lights, SkyBy, Source};
 use crate::math::{brightness, unit};
 use crate::shading::bsdf::BsdfSample;
 use crate::shading::surface::ShadingPoint;
@@ -34,10 +34,10 @@ pub(crate) struct LightSample {
 }
 
 impl Lights {
-    /// A light sample for `at` from four numbers in [0, 1); `None` when it can bring nothing (which counts as a
-    /// sample of zero).
-    pub(crate) fn sample(&self, at: &ShadingPoint<'_>, u: [f32; 4]) -> Option<LightSample> {
-        let (source, share) = self.pick(at, u[0].into())?;
+    /// A light sample for `at` from four numbers in [0, 1), where the sky's light comes by `sky_by`; `None` when it can
+    /// bring nothing (which counts as a sample of zero).
+    pub(crate) fn sample(&self, at: &ShadingPoint<'_>, sky_by: SkyBy, u: [f32; 4]) -> Option<LightSample> {
+        let (source, share) = self.pick(at, sky_by, u[0].into())?;
         let mut sample = source.sample(at, [u[1], u[2], u[3]])?;
         sample.weight = (1.0 / share) as f32 * sample.weight;
         sample.pdf *= share;
@@ -45,8 +45,8 @@ impl Lights {
     }
 
     /// The source that a number in [0, 1) picks for `at`, and its share of the estimates.
-    fn pick(&self, at: &ShadingPoint<'_>, number: f64) -> Option<(Source<'_>, f64)> {
-        let estimates = || self.sampled_sources().map(|source| source.estimate(at));
+    fn pick(&self, at: &ShadingPoint<'_>, sky_by: SkyBy, number: f64) -> Option<(Source<'_>, f64)> {
+        let estimates = || self.sampled_sources(sky_by).map(|source| source.estimate(at));
         let (mut total, mut count, mut kept) = (0.0, 0, [0.0; ESTIMATES_KEPT]);
         estimates().for_each(|estimate| {
             total += estimate;
@@ -62,7 +62,7 @@ impl Lights {
             Some(kept) => picked(kept.iter().copied(), number * total),
             None => picked(estimates(), number * total),
         }?;
-        Some((self.sampled_sources().nth(index)?, estimate / total))
+        Some((self.sampled_sources(sky_by).nth(index)?, estimate / total))
     }
 
     /// Radiance of all rectangles whose front `ray` crosses before `t_max`, and the density (per solid angle) with
@@ -96,9 +96,9 @@ impl Lights {
         self.share(at, &Source::Emitters(self.emitters())) * per_area * to.length_squared() / cos
     }
 
-    /// Share of the light samples for `at` that go to `source`.
+    /// Share of the light samples for `at` that go to `source`, the sky among all.
     fn share(&self, at: &ShadingPoint<'_>, source: &Source<'_>) -> f64 {
-        let total: f64 = self.sampled_sources().map(|source| source.estimate(at)).sum();
+        let total: f64 = self.sources().map(|source| source.estimate(at)).sum();
         let share = source.estimate(at) / total;
         if share.is_finite() { share } else { 0.0 }
     }
@@ -242,7 +242,7 @@ mod tests {
         let mut sum = 0.0;
         for i in 0..side.pow(4) {
             let u = [i % side, i / side % side, i / side.pow(2) % side, i / side.pow(3)].map(number);
-            if let Some(sample) = lights.sample(&AT, u) {
+            if let Some(sample) = lights.sample(&AT, SkyBy::LightSamples, u) {
                 sum += sample.wi.dot(AT.bsdf.normal) * f64::from(sample.weight[0]);
             }
         }
@@ -322,7 +322,7 @@ mod tests {
         assert!(0.7 / PI * (sky + f64::from(DEFAULT_SUN_IRRADIANCE[0])) < 1.0);
         // One light of the scene, if only a black sky, and the defaults are gone.
         let dark = Lights::new(&[Light::Sky { radiance: [0.0; 3] }], &[], &[], DVec3::Z).unwrap();
-        assert!(dark.sample(&AT, [0.5; 4]).is_none() && dark.sky() == Vec3::ZERO);
+        assert!(dark.sample(&AT, SkyBy::LightSamples, [0.5; 4]).is_none() && dark.sky() == Vec3::ZERO);
     }
 
     #[test]
