@@ -163,6 +163,11 @@ impl PhotonTree {
         &mut self.lease
     }
 
+    /// Count of the photons that were sent for it.
+    pub(crate) fn photons(&self) -> u64 {
+        self.photons
+    }
+
     /// Bytes that the photons take at most, while their tree is built.
     pub(crate) fn bytes(photons: u64) -> u64 {
         let hit = (size_of::<[f32; 3]>() + size_of::<StoredHit>()) as u64 + BUILD_BYTES;

@@ -80,7 +80,8 @@ impl<T: PagedTracer + Send> Session<T> {
         self.let_go(&exchange, live.as_deref_mut(), &mut room);
         (self.view, self.world) = (view, world);
         self.make(&exchange, live, &mut room);
-        Ok(match (are_lit_alike(&before, &settings), are_sampled_alike(&before, &settings)) {
+        let is_lit_alike = !exchange.has_other_light() && are_lit_alike(&before, &settings);
+        Ok(match (is_lit_alike, are_sampled_alike(&before, &settings)) {
             (true, true) => Change::Nothing,
             (true, false) => Change::View,
             (false, _) => Change::Light,
@@ -199,7 +200,7 @@ mod tests {
         let other = RenderKeys { integrator: Method::Ao, filter: Filter::Off, ..many };
         let near = RenderKeys { lod_error: 2.0, seed: 7, ..keys };
         let full = RenderKeys { integrator: Method::FullGi, k_nearest: 9, photons: 5_000, ..keys };
-        vec![keys, small, smooth, many, other, near, full, keys]
+        vec![keys, small, smooth, many, other, near, full, keys, RenderKeys { caustics: true, ..keys }]
     }
 
     fn settings(keys: RenderKeys) -> RenderSettings {

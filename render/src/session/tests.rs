@@ -3,9 +3,10 @@
 use super::*;
 use crate::g_stage::{CpuStage, GCall, GNeeds, GTurn};
 use crate::integrate::rays_asked;
+use crate::photon::kd_tree::PhotonTree;
 use crate::scene::camera::Camera;
 use crate::scene::method::{Filter, Method};
-use crate::scene::settings::RenderKeys;
+use crate::scene::settings::{RenderKeys, RenderSettings};
 use crate::scene::world::MaterialEdit;
 use crate::schedule::pass_bytes;
 use crate::shading::light::{Emitters, Light};
@@ -13,6 +14,7 @@ use crate::testing::{pool, view};
 use crate::trace::{Answer, Hit, NaiveMesh, NaiveTriangle, Pages, PartNeeds, Ray, Tracer};
 use crate::voxel::Voxels;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use trex_film::film_bytes;
 use trex_store::build::{self, BuildOptions, ExistingOutput, Precision};
@@ -226,6 +228,67 @@ fn pictures_at_leisure_are_as_exact_as_was_asked_for_whatever_the_demand() {
         (0..256).map(|at| session.film().radiance([at % 16, at / 16])).collect::<Vec<_>>()
     };
     assert_eq!(picture(100), picture(0));
+}
+
+/// The light of an open floor under a sky, whoever brings it: gather rays, or light samples where there are none.
+#[test]
+fn the_sky_lights_pictures_and_previews_without_gather_rays_too() {
+    for integrator in [Method::Photon, Method::FullGi, Method::Path, Method::Direct] {
+        for n_gather in [0, 2] {
+            let keys =
+                RenderKeys { integrator, n_gather, n_shadow: 1, photons: 5_000, ..RenderKeys::default() };
+            let keys = RenderKeys { resolution: [16, 16], ..keys };
+            let mut session = floor(keys);
+            session.apply(Event::Lights(vec![Light::Sky { radiance: [1.0; 3] }])).unwrap();
+            let mut live = floor(keys).go_live(FrameOptions::default()).unwrap();
+            live.apply(Event::Lights(vec![Light::Sky { radiance: [1.0; 3] }])).unwrap();
+            session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+            session.render(4, &|| false, &mut |_, _| ControlFlow::Continue(()));
+            while live.live.display.step() != Some(2) {
+                live.frame(1, &|| false);
+            }
+            let found = [session.film().radiance([8, 8])[1], live.shown([8, 8])[1]];
+            let is_right = found.iter().all(|radiance| (radiance - 0.7).abs() < 0.01);
+            assert!(
+                is_right,
+                "{integrator:?}, {n_gather} gather rays: at leisure and in a preview {found:?}"
+            );
+        }
+    }
+}
+
+/// Photons that were stopped part-way, and light that is kept in another way, come to all that are asked for.
+#[test]
+fn light_is_of_all_photons_in_the_end() {
+    const PHOTONS: u64 = 40_000;
+    fn photons<T: PagedTracer + Send>(session: &Session<T>) -> Option<u64> {
+        let tree = session.light.photon_tree().map(PhotonTree::photons);
+        tree.or(session.light.photon_map().map(PhotonMap::photons))
+    }
+    for integrator in [Method::Photon, Method::FullGi] {
+        let keys = RenderKeys { integrator, photons: PHOTONS, resolution: [8, 8], ..RenderKeys::default() };
+        let stopped = || {
+            let mut session = floor(keys);
+            let asked = AtomicU32::new(0);
+            session.illuminate(&|| asked.fetch_add(1, Ordering::Relaxed) > 2, &mut |_, _| {}).unwrap();
+            assert!(photons(&session).is_some_and(|sent| sent < PHOTONS), "{integrator:?}");
+            session
+        };
+        let mut session = stopped();
+        session.illuminate(&|| false, &mut |_, _| {}).unwrap();
+        assert_eq!(photons(&session), Some(PHOTONS), "{integrator:?} at leisure");
+        let mut live = stopped().go_live(FrameOptions::default()).unwrap();
+        for caustics in [false, integrator == Method::Photon] {
+            let settings = RenderSettings::new(RenderKeys { caustics, ..keys }).unwrap();
+            live.apply(Event::Settings(settings)).unwrap();
+            while live.frame(2, &|| false).progress != FrameProgress::Done {}
+            assert_eq!(
+                photons(&live.session),
+                Some(PHOTONS),
+                "{integrator:?} in frames, caustics {caustics}"
+            );
+        }
+    }
 }
 
 #[test]

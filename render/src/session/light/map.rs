@@ -106,7 +106,7 @@ impl IndirectLight for MapLight {
 
     fn go_live(&mut self, work: &LightWork<'_>, room: Lease) -> Result<()> {
         let next = self.next.insert(NextMap::new(self.shown.form(), room));
-        if self.shown.photons() == 0
+        if self.shown.photons() < work.world.settings.photons
             && let Some(photons) = work.voxel_photons().filter(VoxelPhotons::is_lit)
         {
             next.restart(&photons);

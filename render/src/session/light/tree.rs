@@ -63,6 +63,11 @@ impl TreeLight {
         let photons = PhotonTree::bytes(settings.photons) + flight_bytes(workers);
         LightBytes { photons, photons_in_frames: 2 * photons, ..LightBytes::default() }
     }
+
+    /// True when the tree is there, of as many photons as are asked for: of a run that was stopped it has fewer.
+    fn has_all(&self, work: &LightWork<'_>) -> bool {
+        self.tree.as_ref().is_some_and(|tree| tree.photons() >= work.world.settings.photons)
+    }
 }
 
 impl IndirectLight for TreeLight {
@@ -87,9 +92,10 @@ impl IndirectLight for TreeLight {
         work: &mut LightWork<'_>,
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        if self.tree.is_some() || work.sources().is_none() {
+        if self.has_all(work) || work.sources().is_none() {
             return Ok(PhotonStats::default());
         }
+        self.forget();
         let mut store = photon_store(work)?;
         let target = work.world.settings.photons;
         let send = |indices| match send_to_store(&mut store, indices, work) {
@@ -102,7 +108,8 @@ impl IndirectLight for TreeLight {
     }
 
     fn go_live(&mut self, work: &LightWork<'_>, _room: Lease) -> Result<()> {
-        if self.tree.is_none() && work.sources().is_some() {
+        if !self.has_all(work) && work.sources().is_some() {
+            self.forget();
             self.next = Some(NextTree::new(work)?);
         }
         Ok(())
