@@ -1,7 +1,8 @@
 //! `MaterialPictures`: the pictures of the materials of an OBJ file, by `map_Kd` of its MTL files.
 //!
 //! Invariants: 1. a picture is read once, however many materials have it; 2. no more than [`MAX_PICTURES`] are open; 3.
-//! one that cannot be read costs its materials their picture, not the model: it is told.
+//! one that cannot be read costs its materials their picture, not the model: it is told; 4. on a later pass a material
+//! has its picture from the row on that named it, as on the first.
 
 use super::ImportOptions;
 use super::mtl::PictureRow;
@@ -32,6 +33,8 @@ const PICTURE_MEAN: f32 = 0.5;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PicturePlace {
     picture: usize,
+    /// The row `mtllib` that named it, from 1.
+    library_row: u64,
     scale: [f64; 2],
     offset: [f64; 2],
     wrap: Wrap,
@@ -43,6 +46,8 @@ pub(super) struct MaterialPictures {
     /// By path: its place in `pictures`, where it was read, and its stamp before.
     files: BTreeMap<PathBuf, (Option<usize>, String)>,
     of_material: BTreeMap<u32, PicturePlace>,
+    /// Rows `mtllib` of the OBJ file since the start of this pass.
+    library_row_count: u64,
     options: ImportOptions,
     lease: Lease,
 }
@@ -54,14 +59,29 @@ impl MaterialPictures {
             pictures: Vec::new(),
             files: BTreeMap::new(),
             of_material: BTreeMap::new(),
+            library_row_count: 0,
             options: options.clone(),
             lease: options.budget.lease(LEASED, 0)?,
         })
     }
 
-    /// Whether vertices have colours from pictures.
+    /// Hears of a row `mtllib`, before what it names is read.
+    pub(super) fn begin_library_row(&mut self) {
+        self.library_row_count += 1;
+    }
+
+    /// Hears of a new pass.
+    pub(super) fn rewind(&mut self) {
+        self.library_row_count = 0;
+    }
+
+    /// Whether vertices have colours from pictures that were named so far.
     pub(super) fn are_sampled(&self) -> bool {
-        !self.of_material.is_empty() && self.options.textures == TextureUse::Sampled
+        self.of_material.values().any(|place| self.is_sampled(place))
+    }
+
+    fn is_sampled(&self, place: &PicturePlace) -> bool {
+        place.library_row <= self.library_row_count && self.options.textures == TextureUse::Sampled
     }
 
     /// Files that were looked for, each with its stamp.
@@ -86,7 +106,8 @@ impl MaterialPictures {
         };
         self.lease.grow(LEASED, PLACE_BYTES)?;
         let wrap = if row.clamps { Wrap::Clamp } else { Wrap::Repeat };
-        let place = PicturePlace { picture, scale: row.scale, offset: row.offset, wrap };
+        let library_row = self.library_row_count;
+        let place = PicturePlace { picture, library_row, scale: row.scale, offset: row.offset, wrap };
         self.of_material.insert(index, place);
         // Exporters that write no colour beside a picture write black.
         let own = if has_colour { material.kd } else { [1.0; 3] };
@@ -133,9 +154,9 @@ impl MaterialPictures {
         Ok((picture, told))
     }
 
-    /// Where vertices of a material have their colours from.
+    /// Where vertices of a material have their colours from, as far as was named.
     pub(super) fn place(&self, material: u32) -> Option<PicturePlace> {
-        self.of_material.get(&material).copied().filter(|_| self.are_sampled())
+        self.of_material.get(&material).copied().filter(|place| self.is_sampled(place))
     }
 
     /// The linear colour of a vertex with these coordinates, and its place in the picture; without coordinates the

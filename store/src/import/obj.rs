@@ -260,6 +260,7 @@ impl ObjSource {
     fn library(&mut self) -> Result<()> {
         let names = self.text.rest()?;
         let folder = self.text.input().path().parent().map(PathBuf::from).unwrap_or_default();
+        self.materials.pictures_mut().begin_library_row();
         for warning in self.materials.load_libraries(&folder, &names)? {
             warn(&mut self.stats, warning);
         }
@@ -309,6 +310,7 @@ impl TriangleSource for ObjSource {
         (self.defined_count, self.defined_normal_count, self.material) = (0, 0, 0);
         (self.defined_coordinate_count, self.textured) = (0, CoarseCount::default());
         self.vertices.reset_counters();
+        self.materials.pictures_mut().rewind();
         self.stats =
             SourceStats { warnings: std::mem::take(&mut self.stats.warnings), ..SourceStats::default() };
         Ok(())

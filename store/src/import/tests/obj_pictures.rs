@@ -138,6 +138,17 @@ fn corners_without_a_place_have_the_mean() {
     assert_eq!(mesh.stats.dropped_attribute_count, 4);
 }
 
+/// A library behind another, and one behind a face of its material: as on the first pass, with which `read` compares.
+#[test]
+fn pictures_that_are_named_late_are_so_on_every_pass() {
+    let mtl = "newmtl skin\nKd 1 1 1\nmap_Kd a picture.png\n";
+    let mean = [srgb::byte_of(0.5); 3];
+    let behind = SQUARE.replace("mtllib m.mtl", "mtllib none.mtl").replace("usemtl", "mtllib m.mtl\nusemtl");
+    assert_eq!(corners(&fixture(&behind, mtl).read().unwrap()), [mean; 4]);
+    let ahead = "v 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl skin\nf 1 2 3\nmtllib m.mtl\nf 1 2 3\n";
+    assert_eq!(fixture(ahead, mtl).read().unwrap().colours, [[[255; 3]; 3], [mean; 3]]);
+}
+
 #[test]
 fn large_triangles_are_told() {
     let obj = SQUARE.replace("vt 0.75 0.75", "vt 80.75 80.75");
