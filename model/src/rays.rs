@@ -181,7 +181,11 @@ impl Model {
         // In pieces, and together.
         let bytes = 2 * (found.hits.capacity() * size_of::<Hit>()) as u64;
         if bytes > leased {
-            found.leases.push(self.shared_pool().lease("all hits of rays", bytes - leased, self.budget())?);
+            found.leases.push(self.shared_pool().lease_more(
+                "all hits of rays",
+                bytes - leased,
+                self.budget(),
+            )?);
         }
         Ok(())
     }

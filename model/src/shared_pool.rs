@@ -25,6 +25,8 @@ struct RunningPool {
     seats: Arc<Seats>,
     /// Staging and pins of the plan that it was started by: they stay.
     staging_bytes: u64,
+    /// Bytes of frames under the last plan: as many as there are where rays take nothing.
+    planned_bytes: u64,
 }
 
 /// A file, and how its pool is started.
@@ -39,6 +41,21 @@ impl RunningPool {
     /// Bytes of frames under `plan`: the buffers between disk and frames stay as they were opened.
     fn frames_bytes(&self, plan: &MemoryPlan) -> u64 {
         (plan.frames_bytes + plan.staging_bytes).saturating_sub(self.staging_bytes)
+    }
+
+    /// Bytes of the frames that there are.
+    fn held_bytes(&self) -> u64 {
+        (self.pool.frames().frames * FRAME_BYTES) as u64
+    }
+
+    /// Sets the frames to those of `most` bytes that fit beside `bytes` more. What cannot be had is refused to who
+    /// leases these, with its figures.
+    fn set_frames_beside(&self, bytes: u64, most: u64, budget: &Budget) {
+        let held = self.held_bytes();
+        let fitting = (budget.free_bytes() + held).saturating_sub(bytes).min(most);
+        if fitting / FRAME_BYTES as u64 != held / FRAME_BYTES as u64 {
+            let _ = self.pool.set_limit(fitting);
+        }
     }
 }
 
@@ -63,8 +80,9 @@ impl SharedPool {
     /// Those of [`PagePool::open`] and [`PagePool::set_limit`].
     pub(crate) fn fit(&self, plan: &MemoryPlan, source: &PoolSource<'_>) -> Result<()> {
         let mut started = self.lock();
-        if let Some(started) = &*started {
-            return started.pool.set_limit(started.frames_bytes(plan)).map(drop);
+        if let Some(started) = &mut *started {
+            started.planned_bytes = started.frames_bytes(plan);
+            return started.pool.set_limit(started.planned_bytes).map(drop);
         }
         let PoolSource { file, path, budget, io } = *source;
         let options = plan.pool_options(io);
@@ -73,6 +91,7 @@ impl SharedPool {
             pool: Arc::new(pool),
             seats: Arc::default(),
             staging_bytes: plan.staging_bytes,
+            planned_bytes: plan.frames_bytes,
         });
         Ok(())
     }
@@ -99,19 +118,25 @@ impl SharedPool {
         self.lock().as_ref().map_or(Ok(()), |started| started.pool.set_limit(bytes).map(drop))
     }
 
-    /// Takes `bytes` for `what` from what is free, else from the frames.
+    /// Takes `bytes` for `what` from what is free, else from the frames; frames of the plan that rays before took come
+    /// back, as far as there is room.
     ///
     /// # Errors
     /// Those of [`Budget::lease`]: the frames are as few as they can be, or pinned.
     pub(crate) fn lease(&self, what: &str, bytes: u64, budget: &Budget) -> Result<Lease> {
-        let started = self.lock();
-        let Some(RunningPool { pool, .. }) = &*started else { return budget.lease(what, bytes) };
-        let lacking = bytes.saturating_sub(budget.free_bytes());
-        if lacking > 0 {
-            let now = pool.frames().frames as u64;
-            let fewer = now.saturating_sub(lacking.div_ceil(FRAME_BYTES as u64));
-            // What cannot be had is refused by the lease below, with its figures.
-            let _ = pool.set_limit(fewer * FRAME_BYTES as u64);
+        if let Some(started) = &*self.lock() {
+            started.set_frames_beside(bytes, started.planned_bytes, budget);
+        }
+        budget.lease(what, bytes)
+    }
+
+    /// As [`SharedPool::lease`] while rays are under way: no frames come back.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn lease_more(&self, what: &str, bytes: u64, budget: &Budget) -> Result<Lease> {
+        if let Some(started) = &*self.lock() {
+            started.set_frames_beside(bytes, started.held_bytes(), budget);
         }
         budget.lease(what, bytes)
     }

@@ -305,6 +305,20 @@ fn nobody_takes_the_room_that_was_made_for_another() {
     }
 }
 
+/// They were gone for good: one large call left all calls after it with few frames.
+#[test]
+fn frames_that_a_large_call_takes_come_back() {
+    let swap = Swap::new();
+    let asked = |count: usize| {
+        swap.model.intersect(&rays(count), &Interrupt::default()).unwrap();
+        swap.frames()
+    };
+    let before = asked(16);
+    let meanwhile = asked(20_000);
+    assert!(meanwhile < before, "{meanwhile} of {before} frames");
+    assert_eq!(asked(16), before);
+}
+
 /// The answer is exact, or an error says that it may not be.
 #[test]
 fn damage_is_told_or_left_out_as_asked() {
