@@ -1,9 +1,13 @@
 //! The picture on disk: PNG or EXR by its ending, written beside its name and renamed when whole.
+//!
+//! Invariant: without leave to replace it, a file that somebody makes under the name meanwhile stays, and so does the
+//! picture, under a name of its own.
 
 use rayon::ThreadPool;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 use trex_render::{Image, Layers, Strips, write_exr, write_exr_strips, write_png, write_png_strips};
 use trex_store::output::{ExistingOutput, check_apart, draft};
 use trex_store::{Code, Error, Result};
@@ -11,6 +15,7 @@ use trex_store::{Code, Error, Result};
 /// Where a picture goes; checked before any work.
 pub struct PictureFile {
     path: PathBuf,
+    existing: ExistingOutput,
     is_exr: bool,
 }
 
@@ -30,9 +35,7 @@ impl PictureFile {
         if layers.any() && !is_exr {
             return Err(Error::new(Code::Usage, "a PNG holds no layers").at(path).next("write an .exr"));
         }
-        ExistingOutput::replace_if(overwrite).check(path)?;
-        inputs.iter().try_for_each(|input| check_apart(path, input))?;
-        Ok(PictureFile { path: path.to_path_buf(), is_exr })
+        PictureFile::of(path, overwrite, is_exr, inputs)
     }
 
     /// As [`PictureFile::check`], for a part of a picture.
@@ -42,9 +45,14 @@ impl PictureFile {
                 .at(path)
                 .next("end the name in .trexpart"));
         }
-        ExistingOutput::replace_if(overwrite).check(path)?;
+        PictureFile::of(path, overwrite, false, inputs)
+    }
+
+    fn of(path: &Path, overwrite: bool, is_exr: bool, inputs: &[&Path]) -> Result<PictureFile> {
+        let existing = ExistingOutput::replace_if(overwrite);
+        existing.check(path)?;
         inputs.iter().try_for_each(|input| check_apart(path, input))?;
-        Ok(PictureFile { path: path.to_path_buf(), is_exr: false })
+        Ok(PictureFile { path: path.to_path_buf(), existing, is_exr })
     }
 
     /// As [`PictureFile::check`], for what is written as PNG alone.
@@ -75,13 +83,17 @@ impl PictureFile {
 
     /// Publishes what `encode` writes; nothing is left behind when that fails.
     pub fn write_with(&self, encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>) -> Result<()> {
-        self.write_draft(encode).map_err(|error| Error::writing("write the picture", &self.path, &error))
+        self.publish(self.draft(encode).map_err(|error| self.failed(&error))?)
     }
 
-    fn write_draft(
+    fn failed(&self, error: &io::Error) -> Error {
+        Error::writing("write the picture", &self.path, error)
+    }
+
+    fn draft(
         &self,
         encode: impl FnOnce(&mut BufWriter<&mut Disk>) -> io::Result<()>,
-    ) -> io::Result<()> {
+    ) -> io::Result<NamedTempFile> {
         let draft = draft(&self.path)?;
         let mut disk = Disk { file: draft.as_file().try_clone()?, failed: None };
         let mut writer = BufWriter::new(&mut disk);
@@ -89,8 +101,23 @@ impl PictureFile {
         drop(writer);
         encoded.map_err(|error| disk.failed.map_or(error, io::Error::from_raw_os_error))?;
         disk.file.sync_all()?;
-        draft.persist(&self.path)?;
-        Ok(())
+        Ok(draft)
+    }
+
+    fn publish(&self, draft: NamedTempFile) -> Result<()> {
+        let refused = match self.existing {
+            ExistingOutput::Replace => draft.persist(&self.path),
+            ExistingOutput::Keep => draft.persist_noclobber(&self.path),
+        };
+        let Err(refused) = refused else { return Ok(()) };
+        if self.existing == ExistingOutput::Replace || refused.error.kind() != io::ErrorKind::AlreadyExists {
+            return Err(self.failed(&refused.error));
+        }
+        let (_, kept) = refused.file.keep().map_err(|kept| self.failed(&kept.error))?;
+        Err(Error::new(Code::Usage, "the output exists: it was made while the picture was")
+            .at(&self.path)
+            .numbers(format!("the picture is whole, in {}", kept.display()))
+            .next("give that file a name of its own"))
     }
 }
 
@@ -128,5 +155,29 @@ impl Seek for Disk {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let done = self.file.seek(to);
         self.noted(done)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn a_file_that_is_made_meanwhile_stays_and_so_does_the_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let picture = |overwrite| PictureFile::check(&path, overwrite, Layers::default(), &[]).unwrap();
+        let ours = |writer: &mut BufWriter<&mut Disk>| writer.write_all(b"ours");
+        let file = picture(false);
+        fs::write(&path, "theirs").unwrap();
+        let error = file.write_with(ours).unwrap_err();
+        assert_eq!((error.code(), fs::read(&path).unwrap()), (Code::Usage, b"theirs".to_vec()));
+        let kept = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        let kept: Vec<_> = kept.filter(|other| *other != path).collect();
+        assert_eq!(fs::read(&kept[0]).unwrap(), b"ours");
+        assert!(error.to_string().contains(&*kept[0].to_string_lossy()), "{error}");
+        picture(true).write_with(ours).unwrap();
+        assert_eq!((fs::read(&path).unwrap(), kept.len()), (b"ours".to_vec(), 1));
     }
 }
