@@ -27,7 +27,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         let pixels = pixels.flat_map(|y| (step / 2..width).step_by(step as usize).map(move |x| [x, y]));
         Brightness::new(pixels.map(|[x, y]| {
             let ray = self.session.world.projection.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            let is_surface = scene.as_ref().is_none_or(|scene| scene.intersect(&ray).is_some());
+            let kept = self.session.world.parts.piece(&ray).0;
+            let is_surface = scene.as_ref().is_none_or(|scene| scene.intersect(&kept).is_some());
             is_surface.then(|| self.shown([x, y]))
         }))
     }

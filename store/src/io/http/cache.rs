@@ -125,12 +125,22 @@ impl RangeCache {
             None => used_bytes(&self.folder)? + added,
         };
         writer.used_bytes = Some(if used <= self.limit_bytes { used } else { self.make_room(added)? });
-        DirBuilder::new().recursive(true).mode(0o700).create(&self.place)?;
         for piece in pieces(offset, bytes.len()) {
             let part = &bytes[piece.at..piece.at + piece.bytes];
-            Segment::create(&self.path(piece.segment))?.keep(part, piece.from)?;
+            // Its folder may go in between, which another process has emptied.
+            let segment = self.segment(piece.segment).or_else(|error| match error.kind() {
+                io::ErrorKind::NotFound => self.segment(piece.segment),
+                _ => Err(error),
+            });
+            segment?.keep(part, piece.from)?;
         }
         Ok(())
+    }
+
+    /// The file of a segment, in its folder.
+    fn segment(&self, segment: u64) -> io::Result<Segment> {
+        DirBuilder::new().recursive(true).mode(0o700).create(&self.place)?;
+        Segment::create(&self.path(segment))
     }
 
     /// Removes what was not used for longest until `wanted` more bytes and an eighth of the limit are free; bytes that
@@ -151,7 +161,7 @@ impl RangeCache {
                 if used <= most {
                     break;
                 }
-                fs::remove_file(&path)?;
+                remove(&path)?;
                 // Folders that others use, or that are not empty, stay.
                 let _ = path.parent().map(fs::remove_dir);
                 used -= bytes;
@@ -201,6 +211,14 @@ fn used_bytes(folder: &Path) -> io::Result<u64> {
     let mut used = 0;
     each_segment(folder, |_, _, bytes| used += bytes)?;
     Ok(used)
+}
+
+/// Removes a segment, unless another process has.
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
 }
 
 /// Calls `with` for each segment of a folder: path, when it was used last, bytes of disk. What goes meanwhile is passed
@@ -299,6 +317,16 @@ mod tests {
         assert!(!cache.read(&mut out, 0) && cache.read(&mut out, 8 * SEGMENT_BYTES));
         assert!(others.iter().all(|path| path.exists()));
         assert_eq!(cache.trouble(), None);
+    }
+
+    /// As by another process that shares the folder: it ended the cache of whoever came second.
+    #[test]
+    fn a_segment_that_is_gone_already_is_no_trouble() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("0.segment");
+        fs::write(&path, [7; 9]).unwrap();
+        assert!(remove(&path).is_ok() && !path.exists() && remove(&path).is_ok());
+        assert!(remove(folder.path()).is_err());
     }
 
     #[test]
