@@ -140,8 +140,8 @@ pub struct BenchTradeoffArgs {
 
 const AFTER_BENCH_TRADEOFF: &str = "\
 Each point is a process of its own: its time goes from its start to the file of the picture. Errors are \
-relMSE and PSNR, of the whole picture and of its hard parts: borders of shadows, places where surfaces \
-meet, places whose light has mostly been reflected.
+relMSE, PSNR and FLIP, of the whole picture and of its hard parts: borders of shadows, places where surfaces \
+meet, places whose light has mostly been reflected, glossy surfaces and mirrors.
 
 FOLDER gets error-time.svg, error-memory.svg, and the reference pictures.
 

@@ -9,6 +9,9 @@ use trex_store::AttributeSet;
 use trex_store::build::Precision;
 use trex_store::verify::Level;
 
+/// What becomes of the mesh itself.
+const MESH: &str = "Mesh options";
+
 /// `trex build`
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_BUILD)]
@@ -22,8 +25,6 @@ pub struct BuildArgs {
     #[arg(short, long, value_name = "OUT.trex")]
     pub output: PathBuf,
     #[command(flatten)]
-    pub resume: ResumeArgs,
-    #[command(flatten)]
     pub lattice: LatticeArgs,
     #[command(flatten)]
     pub attributes: AttributeArgs,
@@ -31,6 +32,8 @@ pub struct BuildArgs {
     pub volumes: VolumeArgs,
     #[command(flatten)]
     pub voxels: VoxelArgs,
+    #[command(flatten)]
+    pub resume: ResumeArgs,
     #[command(flatten)]
     pub shard: ShardArgs,
     #[command(flatten)]
@@ -43,6 +46,7 @@ pub struct BuildArgs {
 
 /// What is kept of what corners have.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = MESH)]
 pub struct AttributeArgs {
     /// What becomes of the colours of vertices and faces, which multiply the diffuse colour of their material
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = AttributeChoice::Keep)]
@@ -73,6 +77,7 @@ impl AttributeArgs {
 
 /// The lattice of a build.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = MESH)]
 pub struct LatticeArgs {
     /// Bits of the lattice along the model's longest side (default: chosen from the edges, see `trex info`)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=40), conflicts_with = "error")]

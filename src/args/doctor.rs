@@ -17,5 +17,5 @@ pub struct DoctorArgs {
 
 const AFTER_DOCTOR: &str = "\
 Examples:
-  trex doctor                                          processor, memory, disk, GPUs, and what is missing
+  trex doctor                processor, memory, disk, GPUs, and what is missing
   trex doctor /scratch --json";

@@ -58,7 +58,7 @@ pub static INTEGRATOR: Key = Key {
             ..choice(
                 "photon",
                 "All light, photons and voxels",
-                "All light but caustics of lobes, by photons and voxels: what is seen and its mirrors on the exact \
+                "All light but some caustics, by photons and voxels: what is seen and its mirrors on the exact \
                  mesh; also called cpu-gi, as all of it runs on the CPU",
             )
         },
@@ -67,7 +67,7 @@ pub static INTEGRATOR: Key = Key {
             "All light, photons on the mesh",
             "All light but some caustics, by photons in a kd-tree: everything on the exact mesh",
         ),
-        choice("path", "All light, paths", "All light, unbiased, on the exact mesh"),
+        choice("path", "All light, paths", "All light but some caustics, unbiased, on the exact mesh"),
         choice(
             "ao",
             "Ambient occlusion",

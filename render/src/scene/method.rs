@@ -9,7 +9,7 @@ pub enum Method {
     /// Direct light and perfect mirrors: see `integrate/direct.rs`.
     #[default]
     Direct,
-    /// All light, unbiased: see `integrate/path.rs`.
+    /// All light but suns and points over mirrors, unbiased: see `integrate/path.rs`.
     Path,
     /// Ambient occlusion: see `integrate/ao.rs`.
     Ao,
