@@ -64,9 +64,10 @@ impl TreeLight {
         LightBytes { photons, photons_in_frames: 2 * photons, ..LightBytes::default() }
     }
 
-    /// True when the tree is there, of as many photons as are asked for: of a run that was stopped it has fewer.
-    fn has_all(&self, work: &LightWork<'_>) -> bool {
-        self.tree.as_ref().is_some_and(|tree| tree.photons() >= work.world.settings.photons)
+    /// True when photons are to be sent. A tree of fewer than are asked for goes: sending them was stopped.
+    fn lacks_photons(&mut self, work: &LightWork<'_>) -> bool {
+        self.tree.take_if(|tree| tree.photons() < work.world.settings.photons);
+        self.tree.is_none() && work.sources().is_some()
     }
 }
 
@@ -92,10 +93,9 @@ impl IndirectLight for TreeLight {
         work: &mut LightWork<'_>,
         tell: &mut dyn FnMut(u64, u64),
     ) -> Result<PhotonStats> {
-        if self.has_all(work) || work.sources().is_none() {
+        if !self.lacks_photons(work) {
             return Ok(PhotonStats::default());
         }
-        self.forget();
         let mut store = photon_store(work)?;
         let target = work.world.settings.photons;
         let send = |indices| match send_to_store(&mut store, indices, work) {
@@ -108,8 +108,7 @@ impl IndirectLight for TreeLight {
     }
 
     fn go_live(&mut self, work: &LightWork<'_>, _room: Lease) -> Result<()> {
-        if !self.has_all(work) && work.sources().is_some() {
-            self.forget();
+        if self.lacks_photons(work) {
             self.next = Some(NextTree::new(work)?);
         }
         Ok(())

@@ -168,9 +168,8 @@ impl Lights {
 
     /// The sources that light samples go to, where the sky's light comes by `sky_by`.
     pub(super) fn sampled_sources(&self, sky_by: SkyBy) -> impl Iterator<Item = Source<'_>> {
-        let is_left_out =
-            move |source: &Source<'_>| sky_by == SkyBy::GatherRays && matches!(source, Source::Sky(_));
-        self.sources().filter(move |source| !is_left_out(source))
+        let has_sky = sky_by == SkyBy::LightSamples;
+        self.sources().filter(move |source| has_sky || !matches!(source, Source::Sky(_)))
     }
 
     /// The rectangles whose front `ray` crosses before `t_max`, and at which parameter.
