@@ -3,6 +3,8 @@
 
 use crate::colours::sheet;
 use crate::command::{document_in, folder, hash_of, run_in, said};
+use crate::light::cube;
+use crate::light_sides::red;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 use std::collections::BTreeMap;
@@ -274,5 +276,42 @@ fn normals_are_made_of_the_mesh_up_to_an_angle() {
         ["from-crease", "from-crease:", "from-crease:-1", "from-crease:181", "from-crease:NaN", "smooth"]
     {
         run_in(inside.path(), &format!("build made.obj -o d.trex --normals {wrong}")).expect(2);
+    }
+}
+
+/// A room whose every wall shines with 1 and reflects a half: to each place comes 1 / (1 - 1/2) from all sides. Its
+/// back wall is seen, and has no normals; those of the others lean by 60 degrees. `path` lost a part of the light at
+/// every bounce off these.
+#[test]
+fn light_is_not_lost_between_walls_with_normals() {
+    let inside = folder();
+    let (corners, faces) = cube();
+    let mut text = "mtllib m.mtl\nusemtl m\n".to_owned();
+    corners.iter().for_each(|[x, y, z]| writeln!(text, "v {x} {y} {z}").unwrap());
+    for face in &faces {
+        // Inwards, and along an edge.
+        let normal = |axis: usize| -0.25 * face.iter().map(|&at| corners[at][axis]).sum::<f64>();
+        let edge = |axis: usize| 0.5 * (corners[face[1]][axis] - corners[face[0]][axis]);
+        let [x, y, z] = [0, 1, 2].map(|axis| 0.5 * normal(axis) + 0.75f64.sqrt() * edge(axis));
+        writeln!(text, "vn {x} {y} {z}").unwrap();
+        let is_back = face.iter().all(|&at| corners[at][2] < 0.0);
+        let corner = |at: &usize| if is_back { format!("{}", at + 1) } else { format!("{}//-1", at + 1) };
+        writeln!(text, "f {}", face.iter().map(corner).collect::<Vec<_>>().join(" ")).unwrap();
+    }
+    std::fs::write(inside.path().join("m.obj"), text).unwrap();
+    std::fs::write(inside.path().join("m.mtl"), "newmtl m\nKd 0.5 0.5 0.5\nKe 1 1 1\n").unwrap();
+    document_in(inside.path(), "build m.obj -o m.trex --voxels 64");
+    let scene = "model = 'm.trex'\n[camera]\nposition = [0, 0, 0.5]\ntarget = [0, 0, -1]\nfov_x = 60\n\
+                 [render]\nresolution = [16, 16]\n";
+    std::fs::write(inside.path().join("m.toml"), scene).unwrap();
+    for way in ["path --spp 256", "full-gi --spp 64 --photons 200k", "photon --spp 64 --photons 1M"] {
+        document_in(
+            inside.path(),
+            &format!("render m.toml -o m.exr --overwrite --filter off --integrator {way}"),
+        );
+        let red = red(&inside.path().join("m.exr"));
+        let mean = red.iter().sum::<f64>() / red.len() as f64;
+        said(&format!("{way}: {mean:.4}, 2 expected"));
+        assert!((mean - 2.0).abs() < 0.03, "{way}: {mean}");
     }
 }

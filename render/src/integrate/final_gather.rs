@@ -59,7 +59,7 @@ impl RenderContext<'_> {
             (&self.world.materials[hit.material as usize], DVec3::from(ray.direction));
         let is_front = hit.normal.as_dvec3().dot(direction) < 0.0;
         path.gain_indirect(arriving * mirrors.emitted(material, is_front));
-        let met = SurfaceInteraction::new(&ray, &hit);
+        let met = SurfaceInteraction::new(&ray, &hit).unseen(&self.world.materials);
         if let Some(photons) = self.photon_tree {
             path.sample.look_ups += 1;
             let k_nearest = self.world.settings.k_nearest;

@@ -9,6 +9,9 @@
 //! mis_weight of the bounce = pdf_bounce^2 / (pdf_bounce^2 + (n_shadow * pdf_light)^2)
 //! ```
 //!
+//! Normals of vertices shade what is seen, itself or in a mirror; light that was scattered before meets planes, as
+//! photons do, since by smooth normals it would lose a part at every bounce.
+//!
 //! Invariants: 1. the weights of the two ways add up to 1 for every light that both can find, and points and suns,
 //! which no bounce meets, are left to light samples; 2. rectangles shade nothing: a bounce counts all that it crosses.
 
@@ -97,5 +100,5 @@ fn bounce_end(
         let radiance = Vec3::from(material.ke);
         gain(radiance, lights.emitter_pdf(from, (ray, hit.t), cos));
     }
-    ctx.lit(SurfaceInteraction::new(ray, &hit))
+    ctx.lit(SurfaceInteraction::new(ray, &hit).unseen(&ctx.world.materials))
 }

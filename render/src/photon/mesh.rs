@@ -205,9 +205,9 @@ impl Batch<'_> {
             let Answer::Exact(hit) = tracer.intersect_shaded(&flight.ray) else { return advance };
             advance = Advance::Answered;
             self.stats.rays += 1;
-            let Some(hit) = hit else { return Advance::Done };
-            let surface = SurfaceInteraction::new(&flight.ray, &HitPoint::from(&hit));
-            let bsdf = surface.photon_bsdf(&world.materials);
+            let Some(hit) = hit.map(|hit| HitPoint::from(&hit)) else { return Advance::Done };
+            let surface = SurfaceInteraction::new(&flight.ray, &hit).unseen(&world.materials);
+            let bsdf = surface.bsdf(&world.materials);
             if keeps_light(bsdf.material) {
                 self.deposit(flight, &surface);
             }

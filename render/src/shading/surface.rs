@@ -100,11 +100,11 @@ impl SurfaceInteraction {
         Bsdf { material, colour, normal, shading_normal, wo }
     }
 
-    /// As photons see it. They scatter off the plane of the triangle, since what leaves a smooth normal by the rule of
-    /// those that look would not be as much light as came; mirrors alone turn them by it.
-    pub(crate) fn photon_bsdf<'a>(&self, materials: &'a [Material]) -> Bsdf<'a> {
-        let bsdf = self.bsdf(materials);
-        if bsdf.material.mirror { bsdf } else { Bsdf { shading_normal: self.normal, ..bsdf } }
+    /// As light meets it that goes from surface to surface, unseen: by the plane of the triangle, since from a smooth
+    /// normal not as much would leave as came; mirrors alone turn it by theirs.
+    pub(crate) fn unseen(self, materials: &[Material]) -> SurfaceInteraction {
+        let turns = materials[self.material as usize].mirror;
+        if turns { self } else { SurfaceInteraction { shading_normal: self.normal, ..self } }
     }
 
     /// The direction of a ray that the surface mirrors to its viewer.
