@@ -156,3 +156,32 @@ fn a_crust_has_an_inside_and_an_outside() {
     assert!((share - 1.0).abs() < 0.03, "{share}");
     assert!(relmse < 0.004, "{relmse}");
 }
+
+/// A lamp in the plane of a ceiling, or less than a voxel below it: its photons began within the ceiling's own voxels,
+/// and their light lay on its upper side.
+#[test]
+fn a_lamp_flush_with_the_ceiling_lights_the_room() {
+    let folder = folder();
+    write_room(folder.path(), 0.0, false);
+    document_in(folder.path(), "build m.obj -o m.trex --voxels 64");
+    let scene = fs::read_to_string(folder.path().join("m.toml")).unwrap();
+    let scene = scene.split("[[light]]").next().unwrap();
+    for height in [10.0, 9.98] {
+        let lamp = format!(
+            "{scene}[[light]]\ntype = 'rect'\ncorner = [-1.5, {height}, -1.5]\nedge_u = [3, 0, 0]\nedge_v = [0, 0, 3]\n\
+             radiance = [5, 5, 5]\n"
+        );
+        fs::write(folder.path().join("m.toml"), lamp).unwrap();
+        let expected = wall_means(folder.path(), "path --spp 64");
+        for way in ["photon --spp 16 --photons 300k", "full-gi --spp 4 --photons 100k"] {
+            let found = wall_means(folder.path(), way);
+            said(&format!("{height}, {way}: {found:.4?}, {expected:.4?} expected"));
+            for (wall, (found, expected)) in WALLS.iter().zip(found.iter().zip(&expected)) {
+                assert!(
+                    (found / expected - 1.0).abs() < 0.06,
+                    "{height}, {way}, {wall}: {found}, {expected}"
+                );
+            }
+        }
+    }
+}

@@ -27,9 +27,9 @@ use trex_store::Aabb;
 pub(crate) struct Emission {
     /// Place, model units.
     pub(crate) origin: DVec3,
-    /// Unit normal of the light's front where it is a surface of the model.
+    /// Unit normal of the light's front where it is a surface.
     pub(crate) front: Option<DVec3>,
-    /// Longest edge of its triangle, model units; 0 where the light is none.
+    /// Longest edge of that surface, model units; 0 where the light is none.
     pub(crate) size: f64,
     /// Unit direction of flight.
     pub(crate) direction: DVec3,
@@ -98,13 +98,14 @@ impl<'a> PhotonSources<'a> {
                 Emission { is_delta: true, ..sent }
             }
             Source::Rect { corner, edge_u, edge_v, radiance } => {
-                let normal = edge_u.cross(*edge_v);
-                let area = normal.length();
+                let area = edge_u.cross(*edge_v).length();
+                let normal = unit(edge_u.cross(*edge_v))?;
                 Emission {
                     origin: *corner + f64::from(a) * *edge_u + f64::from(b) * *edge_v,
-                    front: None,
-                    size: 0.0,
-                    direction: cosine_direction(unit(normal)?, [u, v]),
+                    // It may hang in the plane of a ceiling.
+                    front: Some(normal),
+                    size: edge_u.length().max(edge_v.length()),
+                    direction: cosine_direction(normal, [u, v]),
                     is_delta: false,
                     flux: (PI * area) as f32 * *radiance,
                 }
