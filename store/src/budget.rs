@@ -142,7 +142,10 @@ impl Lease {
     }
 
     /// Holds the bytes of `other`, too.
-    fn absorb(&mut self, mut other: Lease) {
+    ///
+    /// # Panics
+    /// For a lease of another ledger.
+    pub(crate) fn absorb(&mut self, mut other: Lease) {
         assert!(Arc::ptr_eq(&self.budget.0, &other.budget.0), "leases of two ledgers");
         self.bytes += std::mem::take(&mut other.bytes);
     }

@@ -4,7 +4,7 @@ use super::clusters::workspace::worker_bytes;
 use super::emit::{self, table_bytes};
 use super::input_sizes::InputSizes;
 use super::options::BuildOptions;
-use super::partition;
+use super::partition::{self, VoxelPlan};
 use crate::attributes::AttributeSet;
 use crate::error::{Error, Result};
 use crate::layout::FRAME_BYTES;
@@ -52,6 +52,7 @@ pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &
     let builders = emit::needed_bytes(sizes, options) * emit::worker_count(sizes, options) as u64;
     let AttributeSet { colours: has_colours, normals: has_normals } = sizes.attributes;
     let of = |has: bool, bytes: u64| if has { bytes } else { 0 };
+    let voxels = VoxelPlan::of(options.voxels, triangle_count);
     let attribute_scratch_bytes =
         of(has_colours, PLAN_COLOUR_SCRATCH_BYTES) + of(has_normals, PLAN_NORMAL_SCRATCH_BYTES);
     let attribute_bytes = of(has_colours, PLAN_COLOUR_BYTES) + of(has_normals, PLAN_NORMAL_BYTES);
@@ -61,13 +62,12 @@ pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &
         has_normals,
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
-            + partition::phase_bytes(options.budget.free_bytes(), sizes.attributes)
-                .max(builders + table_bytes::tables_bytes(sizes))
+            + partition::phase_bytes(options.budget.free_bytes(), sizes)
+                .max(builders.max(voxels.merge_bytes) + table_bytes::tables_bytes(sizes))
                 .max(table_bytes::top_tree_bytes(sizes)),
         limit_bytes: options.budget.limit_bytes(),
-        scratch_bytes: triangle_count * (PLAN_SCRATCH_BYTES + attribute_scratch_bytes),
-        output_bytes: triangle_count * (PLAN_OUTPUT_BYTES + attribute_bytes)
-            + partition::plan_bytes(options.voxels, triangle_count),
+        scratch_bytes: triangle_count * (PLAN_SCRATCH_BYTES + attribute_scratch_bytes) + voxels.scratch_bytes,
+        output_bytes: triangle_count * (PLAN_OUTPUT_BYTES + attribute_bytes) + voxels.output_bytes,
         free_bytes: free.f_bavail * free.f_frsize,
     };
     Ok(plan)
@@ -89,7 +89,7 @@ pub fn smallest_bytes_for(sizes: &InputSizes) -> u64 {
     // What was written is opened to be read back.
     let tables = MaterialList::bytes(sizes.material_count, sizes.name_bytes) + table_bytes::file_bytes(sizes);
     let read_back = tables + 5 * FRAME_BYTES as u64;
-    let partition = partition::smallest_bytes(sizes.attributes);
+    let partition = partition::smallest_bytes(sizes);
     let phases = [partition, chunks, table_bytes::top_tree_bytes(sizes), read_back];
     materials + phases.into_iter().max().unwrap_or(0)
 }

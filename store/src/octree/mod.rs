@@ -46,7 +46,7 @@ pub use units::{UnitNode, UnitsView};
 pub(crate) use units::{UnitsContext, install_units};
 pub(crate) use upper::leaf_bytes;
 pub use upper::{LeafVoxel, UpperOctree, UpperSize};
-pub(crate) use voxelize::Voxelizer;
+pub(crate) use voxelize::{RUN_RECORDS, Voxelizer};
 
 /// Children of a node along an axis.
 pub const NODE_SIDE: u32 = 4;

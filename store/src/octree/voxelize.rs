@@ -22,6 +22,8 @@ use crate::error::Result;
 
 /// Records, 4 MB of them, after which the pile is sorted and summed; when half of that is left, it goes out as a run.
 const PILE: usize = 9 << 13;
+/// Least records of a run, but for the last of a chunk.
+pub(crate) const RUN_RECORDS: usize = PILE / 2;
 /// Leaves along an axis of a triangle's box up to which they are asked one after the other.
 const FEW: i64 = 4;
 
@@ -168,7 +170,7 @@ impl<'a> Voxelizer<'a> {
         self.pile.push(Record::of_piece(key, job.material, (bitmap, area), job.unit_normal));
         if self.pile.len() >= PILE {
             self.sum();
-            if self.pile.len() >= PILE / 2 {
+            if self.pile.len() >= RUN_RECORDS {
                 self.write();
             }
         }

@@ -24,6 +24,11 @@ pub(crate) struct Chunk {
 }
 
 impl Chunk {
+    /// Bytes of memory that it takes.
+    pub(crate) fn bytes(&self) -> u64 {
+        (size_of::<Chunk>() + self.pieces.capacity() * size_of::<Piece>()) as u64
+    }
+
     /// Whether it can be one of a scratch file of so many bytes, for what a record says.
     pub(crate) fn is_sound(&self, scratch_bytes: u64) -> bool {
         let is_sound = |piece: &Piece| {
@@ -68,6 +73,7 @@ impl ChunkJoiner {
     /// Ends the chunk under way: what comes next is not joined to it.
     pub(super) fn close(&mut self) {
         if self.open.triangle_count > 0 {
+            self.open.pieces.shrink_to_fit();
             self.done.push(std::mem::take(&mut self.open));
         }
     }

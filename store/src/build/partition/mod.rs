@@ -15,6 +15,7 @@ pub(super) mod cells;
 pub(super) mod chunk;
 mod collapsed;
 mod colour_means;
+mod list_memory;
 pub(super) mod outcome;
 mod resolution;
 pub(super) mod shard;
@@ -23,30 +24,36 @@ pub(super) mod sort_checkpoint;
 pub(super) mod summary;
 mod surface;
 
-pub(super) use resolution::plan_bytes;
+pub(super) use resolution::VoxelPlan;
 
 use crate::attributes::AttributeSet;
 use crate::budget::{Budget, Lease};
+use crate::build::input_sizes::InputSizes;
 use crate::build::journal::Journal;
 use crate::build::options::{BuildOptions, Voxels};
 use crate::build::report::PhaseReport;
 use crate::build::scan::rejected::{RejectedCounts, no_triangles};
 use crate::build::scan::{Grid, Scan};
 use crate::build::scratch::run_writer::RunWriter;
-use crate::build::scratch::{Scratch, TriangleList};
+use crate::build::scratch::{RUN_TRIANGLES, Run, Scratch, TriangleList};
 use crate::cluster::Colour;
 use crate::error::{Code, Error, Result};
 use crate::scratch::Place;
 use crate::source::{TriangleBatch, TriangleSource};
 use batches::{BATCHES, for_each_batch};
-use cells::{PartitionCells, SortKey, SortRule, first_levels};
-use chunk::Chunk;
+use cells::{
+    CELL_BYTES, PartitionCells, RUNS_LEAST, SortKey, SortRule, SortedChunks, first_levels, levels_of,
+};
+use chunk::{Chunk, Piece};
 use colour_means::ColourMeans;
+use list_memory::ListMemory;
 use snap::{Prefix, SnapSummary, Snapper};
 use sort_checkpoint::SortCheckpoint;
 use std::time::Duration;
 use summary::PartitionSummary;
 
+/// Times that a surface crosses its cube, rounded up: see `resolution.rs`.
+const CROSSINGS: u64 = 7;
 /// Memory for buffered triangles: at least this, so that runs are worth a disk access.
 const BUFFER_BYTES_LEAST: u64 = 16 << 20;
 /// Most memory for buffered triangles; more does not make runs longer.
@@ -60,6 +67,8 @@ pub(crate) struct Partition {
     /// Of each material, once; none where the input has no colours.
     pub(crate) mean_colours: Vec<Colour>,
     pub(crate) wait_ms: u64,
+    /// Of `chunks`; `None` where somebody else holds it.
+    pub(crate) _lists: Option<Lease>,
 }
 
 impl Partition {
@@ -114,18 +123,20 @@ pub(crate) struct PartitionWork<'a> {
 pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>) -> Result<Partition> {
     let PartitionWork { start, journal, options, report } = work;
     let memory = SortMemory::lease(start.scan().attributes, &options.budget)?;
+    let lists = ListMemory::begin(&options.budget)?;
     let name = source.name();
     let rule = |scan: &Scan, grid: &Grid| memory.rule(first_levels(scan.triangle_count, grid), grid);
     let (mut sorter, grid) = match start {
         SortStart::New { scan, grid, place } => {
-            let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule(&scan, &grid));
+            let writer = RunWriter::start(Scratch::create(place)?)?;
+            let cells = PartitionCells::new(writer, rule(&scan, &grid), lists);
             let snapped = SnapSummary::new(&scan, &grid);
             (Sorter { scan, is_resumed: false, again: None, snapped, cells, journal }, grid)
         }
         SortStart::Resumed(checkpoint) => {
             let SortCheckpoint { scan, grid, prefix, snapped, scratch, runs } = *checkpoint;
-            let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule(&scan, &grid));
-            cells.restore(runs);
+            let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule(&scan, &grid), lists);
+            cells.restore(runs)?;
             let again = Some(prefix).filter(|prefix| prefix.triangle_count > 0);
             (Sorter { scan, is_resumed: true, again, snapped, cells, journal }, grid)
         }
@@ -133,10 +144,11 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     let scan = sorter.scan;
     let mut snapper = Snapper::new(grid, name.clone());
     let report_count = |count| report("partition", "triangles", count, scan.triangle_count);
-    let waited = sorter.run(source, &mut snapper, options, &report_count)?;
+    let waited = sorter.run(source, &mut snapper, options, &report_count);
+    let waited = waited.map_err(|error| sorter.cells.for_all(error, [snapper.read, scan.triangle_count]))?;
 
     let Sorter { cells, snapped, .. } = sorter;
-    let (writer, chunks) = cells.into_chunks(options)?;
+    let SortedChunks { writer, chunks, lists } = cells.into_chunks(options)?;
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
     let mean_colours = snapped.mean_colours();
     Ok(Partition {
@@ -145,6 +157,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
         summary: summarize(&scan, triangle_count, snapped, &snapper, options.voxels)?,
         mean_colours,
         wait_ms: waited.as_millis() as u64,
+        _lists: Some(lists.into_lease()),
     })
 }
 
@@ -186,7 +199,7 @@ fn summarize(
 
 /// The memory in which triangles are sorted.
 struct SortMemory {
-    /// Most triangles in buffers.
+    /// Most triangles that buffers have room for.
     buffered_most: u64,
     _leases: [Lease; 3],
 }
@@ -290,8 +303,23 @@ fn buffer_bytes(free_bytes: u64) -> u64 {
 }
 
 /// Least that this phase leases.
-pub(crate) fn smallest_bytes(attributes: AttributeSet) -> u64 {
-    BUFFER_BYTES_LEAST + BATCHES * TriangleBatch::bytes(attributes) + means_bytes(attributes)
+pub(crate) fn smallest_bytes(sizes: &InputSizes) -> u64 {
+    BUFFER_BYTES_LEAST + fixed_bytes(sizes)
+}
+
+/// About the bytes of the lists of a surface whose triangles come in the order of their places.
+fn list_bytes(triangle_count: u64) -> u64 {
+    let levels = levels_of(triangle_count);
+    let cell_count = (CROSSINGS << (2 * levels)).min(1 << (3 * levels));
+    let run_count = 2 * triangle_count.div_ceil(RUN_TRIANGLES as u64) + RUNS_LEAST as u64 * cell_count;
+    cell_count * CELL_BYTES + run_count * (size_of::<Run>() + size_of::<Piece>()) as u64
+}
+
+/// Bytes beside the buffers.
+fn fixed_bytes(sizes: &InputSizes) -> u64 {
+    let attributes = sizes.attributes;
+    let lists = list_bytes(sizes.triangle_count);
+    BATCHES * TriangleBatch::bytes(attributes) + means_bytes(attributes) + lists
 }
 
 /// Bytes for the mean colours of materials.
@@ -305,7 +333,7 @@ fn triangle_bytes(attributes: AttributeSet) -> u64 {
 }
 
 /// Bytes that this phase leases when so many are free.
-pub(crate) fn phase_bytes(free_bytes: u64, attributes: AttributeSet) -> u64 {
-    let fixed = BATCHES * TriangleBatch::bytes(attributes) + means_bytes(attributes);
+pub(crate) fn phase_bytes(free_bytes: u64, sizes: &InputSizes) -> u64 {
+    let fixed = fixed_bytes(sizes);
     fixed + buffer_bytes(free_bytes.saturating_sub(fixed))
 }

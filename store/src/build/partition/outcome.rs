@@ -89,6 +89,7 @@ impl PartitionOutcome {
         };
         let Some(materials) = ModelMaterials::parse(&section, budget)? else { return Ok(None) };
         let input_triangle_count = summary.input_triangle_count;
+        let lists = budget.lease("the lists of chunks", head.chunks.iter().map(Chunk::bytes).sum())?;
         let partition = Partition {
             scratch: Scratch::reopen(cells, head.scratch_bytes)?,
             chunks: head.chunks.into_owned(),
@@ -96,6 +97,7 @@ impl PartitionOutcome {
             // The materials of the record have them.
             mean_colours: Vec::new(),
             wait_ms: 0,
+            _lists: Some(lists),
         };
         let sizes = InputSizes {
             triangle_count: input_triangle_count,

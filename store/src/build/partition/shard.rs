@@ -12,8 +12,9 @@
 
 use super::batches::for_each_batch;
 use super::cell_table::{CELL_BYTES, CellRange, CellTable};
-use super::cells::{CellPlace, CellSink, PartitionCells, SortRule, first_levels};
+use super::cells::{CellPlace, CellSink, PartitionCells, SortRule, SortedChunks, first_levels};
 use super::chunk::Chunk;
+use super::list_memory::ListMemory;
 use super::snap::{SnapSummary, Snapper};
 use super::summary::PartitionSummary;
 use super::{SortMemory, summarize};
@@ -93,10 +94,12 @@ impl CensusWork<'_> {
                 (counts.cells, None)
             }
             Some(scratch) => {
-                let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule);
+                let lists = ListMemory::begin(&options.budget)?;
+                let mut cells = PartitionCells::new(RunWriter::start(scratch)?, rule, lists);
                 self.read(source, stream, &mut cells, PartitionCells::len, &mut lease)?;
                 let counts = cells.counts();
-                let (writer, chunks) = cells.into_chunks(options)?;
+                let SortedChunks { writer, chunks, lists } = cells.into_chunks(options)?;
+                lease.absorb(lists.into_lease());
                 (counts, Some((writer.finish(), chunks)))
             }
         };
@@ -144,6 +147,16 @@ pub(crate) struct ShardSort<'a> {
     pub(crate) report: PhaseReport<'a>,
 }
 
+/// What a shard has sorted.
+pub(crate) struct SortedShard {
+    pub(crate) scratch: Scratch,
+    pub(crate) chunks: Vec<Chunk>,
+    /// Of the chunks.
+    pub(crate) lists: Lease,
+    /// Time that the source was waited for.
+    pub(crate) waited: Duration,
+}
+
 /// The cells of a shard; triangles of others are dropped.
 struct ShardCells {
     cells: PartitionCells,
@@ -166,15 +179,16 @@ impl CellSink for ShardCells {
 }
 
 impl ShardSort<'_> {
-    /// Reads the source once, and sorts what is the shard's; gives its chunks, and the time that was waited.
+    /// Reads the source once, and sorts what is the shard's.
     ///
     /// # Errors
     /// [`Code::Usage`] where the source does not deliver what was counted.
-    pub(crate) fn run(self, source: &mut dyn TriangleSource) -> Result<(Scratch, Vec<Chunk>, Duration)> {
+    pub(crate) fn run(self, source: &mut dyn TriangleSource) -> Result<SortedShard> {
         let ShardSort { summary, attributes, levels, range, place, options, report } = self;
         let memory = SortMemory::lease(attributes, &options.budget)?;
         let rule = memory.rule(levels, &summary.grid);
-        let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule);
+        let lists = ListMemory::begin(&options.budget)?;
+        let cells = PartitionCells::new(RunWriter::start(Scratch::create(place)?)?, rule, lists);
         let mut cells = ShardCells { cells, rule, range, last: None };
         let mut snapper = Snapper::new(summary.grid, source.name());
         let all = summary.input_triangle_count;
@@ -199,13 +213,13 @@ impl ShardSort<'_> {
             );
             return Err(changed(snapper.name(), differences));
         }
-        let (writer, chunks) = cells.cells.into_chunks(options)?;
+        let SortedChunks { writer, chunks, lists } = cells.cells.into_chunks(options)?;
         let sorted: u64 = chunks.iter().map(|chunk| chunk.triangle_count).sum();
         if sorted != range.triangle_count {
             let differences = format!("{sorted} triangles in the shard, {} then", range.triangle_count);
             return Err(changed(snapper.name(), differences));
         }
-        Ok((writer.finish(), chunks, waited))
+        Ok(SortedShard { scratch: writer.finish(), chunks, lists: lists.into_lease(), waited })
     }
 }
 

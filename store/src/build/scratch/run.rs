@@ -57,6 +57,11 @@ impl TriangleList {
         self.triangles.is_empty()
     }
 
+    /// Triangles that there is memory for.
+    pub(crate) fn room(&self) -> u64 {
+        self.triangles.capacity() as u64
+    }
+
     /// What a corner may have beside its place.
     pub(crate) fn attributes(&self) -> AttributeSet {
         self.attributes.set()

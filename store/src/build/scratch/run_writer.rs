@@ -16,6 +16,8 @@ const MOST: usize = 16;
 pub(crate) struct WrittenRun {
     pub(crate) owner: usize,
     pub(crate) run: Run,
+    /// Triangles that its buffer had room for.
+    pub(crate) room: u64,
 }
 
 /// The thread's handle. Dropped, it waits for what is under way.
@@ -43,8 +45,9 @@ impl RunWriter {
             while let Ok((owner, triangles)) = given.recv() {
                 let run = file.append(encoder.encode(&triangles), triangles.len());
                 // The memory goes back before the run counts as written.
+                let room = triangles.room();
                 drop(triangles);
-                if answers.send(run.map(|run| WrittenRun { owner, run })).is_err() {
+                if answers.send(run.map(|run| WrittenRun { owner, run, room })).is_err() {
                     return;
                 }
             }

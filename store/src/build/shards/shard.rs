@@ -17,7 +17,7 @@ use crate::build::options::{BuildOptions, Resume};
 use crate::build::partition::Partition;
 use crate::build::partition::cell_table::ShardShare;
 use crate::build::partition::outcome::PartitionOutcome;
-use crate::build::partition::shard::ShardSort;
+use crate::build::partition::shard::{ShardSort, SortedShard};
 use crate::build::phases::{PhaseClock, PhaseCpuMs, PhaseMs};
 use crate::build::plan::{Plan, plan, smallest_bytes_for};
 use crate::build::report::PhaseReport;
@@ -129,13 +129,16 @@ pub fn build(
     let built = by_phase(&options.budget, report, |report| {
         ShardBuild { work, share, options: &options, site: &site, report }.run(source, journal.as_mut())
     });
-    let mut out = built.map_err(|error| match error.smallest_limit_bytes() {
-        Some(bytes) if plan.has_triangles() => {
-            // What is sure to be enough: a build's.
-            let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&work.sizes(share));
-            with_room(error, sure_bytes.saturating_sub(bytes))
+    let mut out = built.map_err(|error| {
+        let error = stopped(error, output, journal.as_mut());
+        match error.smallest_limit_bytes() {
+            Some(bytes) if plan.has_triangles() => {
+                // What is sure to be enough: a build's.
+                let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&work.sizes(share));
+                with_room(error, sure_bytes.saturating_sub(bytes))
+            }
+            _ => error,
         }
-        _ => stopped(error, output, journal.as_mut()),
     })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)
@@ -265,7 +268,8 @@ impl ShardBuild<'_> {
             return Ok(None);
         };
         let summary = plan.model.summary.clone();
-        let partition = Partition { scratch, chunks, summary, mean_colours: Vec::new(), wait_ms: 0 };
+        let partition =
+            Partition { scratch, chunks, summary, mean_colours: Vec::new(), wait_ms: 0, _lists: None };
         let materials = plan.model.materials.copy(&self.options.budget)?;
         // What its scan has told is not told again.
         let source = SourceStats::default();
@@ -310,7 +314,7 @@ impl ShardBuild<'_> {
             options,
             report: self.report,
         };
-        let (scratch, chunks, waited) = work.run(source)?;
+        let SortedShard { scratch, chunks, lists, waited } = work.run(source)?;
         super::check_named(self.work.output, &source.stats())?;
         let wait_ms = waited.as_millis() as u64;
         let partition = Partition {
@@ -319,6 +323,7 @@ impl ShardBuild<'_> {
             summary: plan.model.summary.clone(),
             mean_colours: Vec::new(),
             wait_ms,
+            _lists: Some(lists),
         };
         let materials = plan.model.materials.copy(&options.budget)?;
         let outcome = PartitionOutcome {

@@ -78,7 +78,7 @@ impl TriangleSource for MemoryMesh {
     }
 }
 
-fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
+pub(super) fn options(threads: usize, limit_bytes: u64) -> BuildOptions {
     BuildOptions {
         precision: Precision::Default,
         voxels: Voxels::default(),
