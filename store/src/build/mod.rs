@@ -75,7 +75,7 @@ use std::path::Path;
 /// precision cannot be had; [`Code::InputEmpty`](crate::Code::InputEmpty) when no triangle is left;
 /// [`Code::MemoryLimit`](crate::Code::MemoryLimit), [`Code::DiskFull`](crate::Code::DiskFull),
 /// [`Code::Io`](crate::Code::Io), [`Code::Interrupted`](crate::Code::Interrupted). Nothing is left behind then, but
-/// after an interrupt what [`BuildOptions::resume`] resumes from.
+/// after an interrupt, and where the limit was too small, what [`BuildOptions::resume`] resumes from.
 ///
 /// # Panics
 /// On a thread of the options' pool.

@@ -37,19 +37,22 @@ impl BuildSite {
     }
 }
 
-/// The error with which a build ends: after an interrupt its files are kept, where it can resume from them.
+/// The error with which a build ends: after an interrupt, and where the limit is too small, its files are kept if it
+/// can resume from them.
 pub(super) fn stopped(error: Error, output: &Path, journal: Option<&mut Journal>) -> Error {
-    match journal.filter(|journal| journal.has_records()) {
-        Some(journal) if error.code() == Code::Interrupted => {
-            let bytes = journal.keep();
-            error
-                .at(output)
-                .numbers(format!(
-                    "{} MiB are kept beside the output, or in the folder of scratch",
-                    bytes.div_ceil(1 << 20)
-                ))
-                .next(NextStep::ResumeOrClean)
-        }
-        _ => error,
+    let code = error.code();
+    let keeps = |journal: &&mut Journal| {
+        journal.has_records() && matches!(code, Code::Interrupted | Code::MemoryLimit)
+    };
+    let Some(journal) = journal.filter(keeps) else { return error };
+    let kept = format!(
+        "{} MiB are kept beside the output, or in the folder of scratch",
+        journal.keep().div_ceil(1 << 20)
+    );
+    if code == Code::Interrupted {
+        return error.at(output).numbers(kept).next(NextStep::ResumeOrClean);
     }
+    // The next step is a larger limit, with which it resumes.
+    let numbers = format!("{}; {kept}", error.numbers_text());
+    error.numbers(numbers)
 }

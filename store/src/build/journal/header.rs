@@ -12,7 +12,7 @@ use std::path::Path;
 /// Says that a file is a journal, and of which form.
 const FORMAT: &str = "trex-journal/4";
 /// Longest journal: names and numbers of inputs.
-const JOURNAL_BYTES: u64 = 1 << 20;
+const JOURNAL_BYTES: u64 = 64 << 20;
 
 /// What a journal says.
 #[derive(Clone, PartialEq, Serialize, Deserialize)]

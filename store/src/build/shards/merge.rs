@@ -61,9 +61,9 @@ pub fn merge(work: &MergeWork<'_>, report: Report<'_>) -> Result<BuildReport> {
     let merged = by_phase(&options.budget, report, |report| {
         MergeBuild { output, options: &options, site: &site, report }.run(fragments, &model, journal.as_ref())
     });
-    let mut out = merged.map_err(|error| match error.smallest_limit_bytes() {
-        Some(bytes) => with_room(error, sure_bytes.saturating_sub(bytes)),
-        None => stopped(error, output, journal.as_mut()),
+    let mut out = merged.map_err(|error| {
+        let more_bytes = sure_bytes.saturating_sub(error.smallest_limit_bytes().unwrap_or(0));
+        with_room(stopped(error, output, journal.as_mut()), more_bytes)
     })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)

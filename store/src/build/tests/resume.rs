@@ -120,6 +120,32 @@ fn stop_among_batches(stage: &mut Stage, batches: usize) {
     assert!(error.numbers_text().contains("kept"), "{error}");
 }
 
+/// It cost all that was sorted, and what was done of the chunks.
+#[test]
+fn a_limit_that_is_too_small_costs_nothing_that_was_done() {
+    let mut stage = Stage::new(400, Voxels::Resolution(64));
+    stage.stop_among_chunks();
+    let enough = std::mem::replace(&mut stage.options.budget, Budget::new(crate::RESERVE_BYTES + (3 << 20)));
+    let error = stage.build_for(usize::MAX).unwrap_err();
+    assert_eq!(error.code(), Code::MemoryLimit, "{error}");
+    assert!(error.numbers_text().contains("are kept beside the output"), "{error}");
+    assert!(matches!(error.next_step_kind(), NextStep::RaiseLimit { .. }), "{error}");
+    assert!(stage.left("done").exists());
+    stage.options.budget = enough;
+    assert!(stage.finish().resumed_triangle_count > 0);
+}
+
+/// A header of more than a megabyte was none when it was read again: nothing was resumed, nobody found what was left.
+#[test]
+fn what_thousands_of_inputs_left_is_found() {
+    let mut stage = Stage::new(280, Voxels::None);
+    let input = (0..6000).map(|index| (format!("input {index}"), "a".repeat(300))).collect();
+    stage.options.resume = Some(Resume { input, every: Duration::ZERO });
+    stage.stop_among_chunks();
+    assert_eq!(left_over::find(&stage.output()).unwrap().len(), 1);
+    assert!(stage.finish().resumed_triangle_count > 0);
+}
+
 /// A sheet in one corner of what it lies in: its cell holds more than a chunk, and is cut.
 fn crowded() -> MemoryMesh {
     let mut mesh = mesh(300, 2_000, 7);
