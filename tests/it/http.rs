@@ -10,7 +10,9 @@ use crate::fixtures::built_in;
 use server::{Manners, Server, Wire};
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 const MODEL: &str = "gen:pipes:60k --voxels 64";
 /// A place behind most pages of the model, and before its tables.
@@ -94,6 +96,14 @@ fn failures_that_pass_are_not_seen() {
         let ranges = asked.lock().unwrap().len();
         assert!(ranges > 2 && server.requests() > ranges, "{bad:?}: {} of {ranges}", server.requests());
     }
+    // A server that is away for a second: pages were damaged after a third of one.
+    let until = Arc::new(Mutex::new(None));
+    let server = Server::of(&inside.path().join("model.trex"), move |first| {
+        let begin = || Instant::now() + Duration::from_millis(700);
+        let is_away = first < PAGES_END && Instant::now() < *until.lock().unwrap().get_or_insert_with(begin);
+        if is_away { Manners::Unavailable } else { Manners::Good }
+    });
+    assert_eq!(picture(inside.path(), &server.url, "256MiB"), known, "away for a while");
     let server = Server::of(&inside.path().join("model.trex"), |_| Manners::Elsewhere);
     assert_eq!(picture(inside.path(), &server.url, "256MiB"), known, "where it was sent on");
 }
@@ -128,14 +138,24 @@ fn what_a_server_does_for_good_is_told() {
         assert!(told["where"].as_str().unwrap().contains(&server.url), "{bad:?}: {told:#}");
     }
     // Pages that cannot be had are left out of the picture, as damaged ones of a file are, and the status says so.
+    let mut asked = Vec::new();
     for bad in [Manners::Changed, Manners::Unavailable, Manners::Damaged] {
-        let server = Server::of(&path, move |first| if first < PAGES_END { bad } else { Manners::Good });
+        let pages_asked = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&pages_asked);
+        let server = Server::of(&path, move |first| {
+            let is_page = first < PAGES_END;
+            count.fetch_add(usize::from(is_page), Ordering::Relaxed);
+            if is_page { bad } else { Manners::Good }
+        });
         let line = format!("render {} -o holes.png {PICTURE} --memory-limit 256MiB --json", server.url);
         let ran = run_in(inside.path(), &line);
         ran.expect(1);
         let pages = ran.document()["damaged_pages"].as_array().unwrap().len();
         assert!(pages > 0, "{bad:?}: {}", ran.stdout);
+        asked.push(pages_asked.load(Ordering::Relaxed));
     }
+    // What is for good is asked for once, what may pass three times.
+    assert!(asked[1] > 2 * asked[0], "requests: {asked:?}");
 }
 
 #[test]

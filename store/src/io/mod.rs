@@ -105,6 +105,8 @@ pub struct RawRead {
     pub at: usize,
     /// How many bytes.
     pub bytes: usize,
+    /// Times that it has failed before.
+    pub failures: u32,
     /// The buffer, owned by the read.
     pub staging: StagingBuffer,
 }

@@ -9,7 +9,8 @@
 //! Invariants
 //! 1. Each submitted read comes back as one [`Arrival`], with exactly the bytes asked for or with an error that names
 //!    path and offset.
-//! 2. Work on one read is bounded: [`INTERRUPTIONS_MAX`] short reads and interruptions, [`FAILURES_MAX`] failures.
+//! 2. Work on one read is bounded: [`INTERRUPTIONS_MAX`] short reads and interruptions, [`FAILURES_MAX`] failures;
+//!    what no second read mends ends it at once.
 //! 3. Nothing is allocated or copied per read.
 
 use super::{Backend, Extent, IoDescription, RawCompletion, RawRead, StagingBuffer, Wait};
@@ -132,7 +133,7 @@ impl Reader {
             interruptions: 0,
             failures: 0,
         });
-        self.send(RawRead { tag: index, offset: start, at: 0, bytes: raw_bytes, staging });
+        self.send(RawRead { tag: index, offset: start, at: 0, bytes: raw_bytes, failures: 0, staging });
     }
 
     /// Appends what has arrived to `arrivals`. With [`Wait::One`], sleeps until there is at least one, unless nothing
@@ -164,6 +165,7 @@ impl Reader {
         let RawCompletion { mut read, result } = raw;
         let index = read.tag as usize;
         let pending = self.pending[index].as_mut().expect("a completion without a read");
+        let mut ends = false;
         let error = match result {
             Ok(got) => {
                 assert!(got <= read.bytes, "{got} bytes arrived of {} asked", read.bytes);
@@ -190,15 +192,17 @@ impl Reader {
             }
             Err(error) => {
                 pending.failures += 1;
+                ends = is_final(&error);
                 Some(error)
             }
         };
-        if pending.failures >= FAILURES_MAX || pending.interruptions >= INTERRUPTIONS_MAX {
+        if ends || pending.failures >= FAILURES_MAX || pending.interruptions >= INTERRUPTIONS_MAX {
             let error = gives_up(&self.path, pending, error);
             return Some(self.finish(read, Err(error)));
         }
         read.bytes = pending.raw_bytes - read.at;
         read.offset = pending.offset + read.at as u64;
+        read.failures = pending.failures;
         self.stats.retries += 1;
         self.send(read);
         None
@@ -209,6 +213,12 @@ impl Reader {
         self.free.push(read.tag);
         Arrival { tag: pending.tag, staging: read.staging, result }
     }
+}
+
+/// True for what no second read mends.
+pub(super) fn is_final(error: &std::io::Error) -> bool {
+    use ErrorKind::{InvalidInput, NotFound, PermissionDenied, StaleNetworkFileHandle, Unsupported};
+    matches!(error.kind(), InvalidInput | NotFound | PermissionDenied | StaleNetworkFileHandle | Unsupported)
 }
 
 fn ends_early(path: &Path, pending: &ReadInFlight, have: usize) -> Error {

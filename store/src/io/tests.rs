@@ -228,7 +228,7 @@ fn dropping_with_reads_in_flight_waits_for_them() {
         for index in 0..16_u32 {
             let staging = StagingBuffer::new(64 << 10).unwrap();
             let offset = u64::from(index) * (64 << 10);
-            backend.submit(RawRead { tag: index, offset, at: 0, bytes: 64 << 10, staging });
+            backend.submit(RawRead { tag: index, offset, at: 0, bytes: 64 << 10, failures: 0, staging });
         }
         backend.complete(Wait::No, &mut Vec::new());
         drop(backend);
@@ -292,7 +292,7 @@ fn buffers_that_the_kernel_keeps_are_not_given_to_others() {
     let mut done = Vec::new();
     let submit = |failover: &mut Failover, tag| {
         let staging = StagingBuffer::new(ALIGN_BYTES).unwrap();
-        failover.submit(RawRead { tag, offset: 0, at: 0, bytes: ALIGN_BYTES, staging });
+        failover.submit(RawRead { tag, offset: 0, at: 0, bytes: ALIGN_BYTES, failures: 0, staging });
     };
     submit(&mut failover, 0);
     failover.complete(Wait::No, &mut done);

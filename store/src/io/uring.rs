@@ -99,7 +99,14 @@ impl Uring {
         for _ in 0..2 {
             let staging = StagingBuffer::new(super::ALIGN_BYTES).map_err(Error::other)?;
             let mut done = Vec::with_capacity(1);
-            self.submit(RawRead { tag: 0, offset: 0, at: 0, bytes: super::ALIGN_BYTES, staging });
+            self.submit(RawRead {
+                tag: 0,
+                offset: 0,
+                at: 0,
+                bytes: super::ALIGN_BYTES,
+                failures: 0,
+                staging,
+            });
             self.complete(Wait::One, &mut done);
             match done.pop().map(|done| done.result) {
                 Some(Ok(_)) => return Ok(()),
@@ -233,10 +240,10 @@ impl Uring {
             return;
         }
         for flight in self.flights.iter_mut().flatten().filter(|flight| !flight.is_set_aside) {
-            let RawRead { tag, offset, at, bytes, ref staging } = flight.read;
+            let RawRead { tag, offset, at, bytes, failures, ref staging } = flight.read;
             // Without memory the old buffer goes on waiting.
             let Ok(staging) = StagingBuffer::new(staging.len()) else { return };
-            reads.push(RawRead { tag, offset, at, bytes, staging });
+            reads.push(RawRead { tag, offset, at, bytes, failures, staging });
             flight.is_set_aside = true;
             self.set_aside += 1;
         }

@@ -22,6 +22,7 @@ mod request;
 
 use super::network::network_options;
 use super::read_threads::{ReadThreads, ThreadsSetup};
+use super::reader::is_final;
 use super::{CONNECTION_BYTES, IoDescription, IoOptions, RawRead};
 use crate::error::{Error, Result};
 use address::Address;
@@ -122,9 +123,13 @@ impl HttpFile {
     fn read_once(&self, read: &mut RawRead) -> io::Result<usize> {
         let (offset, bytes) = (read.offset, read.bytes);
         let left = self.version.length.saturating_sub(offset).min(bytes as u64) as usize;
+        let tries = read.failures;
         let out = &mut read.target()[..left];
         if left > 0 && !self.is_cached(out, offset) {
-            self.client.range(&self.version, offset, out).inspect_err(|_| pause(0))?;
+            if tries > 0 {
+                pause(tries - 1);
+            }
+            self.client.range(&self.version, offset, out)?;
             self.cache(out, offset);
         }
         Ok(left)
@@ -221,17 +226,17 @@ fn again<T>(mut request: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     let mut tries = 0;
     loop {
         match request() {
-            Err(error) if tries + 1 < TRIES && !request::is_final(&error) => pause(tries),
+            Err(error) if tries + 1 < TRIES && !is_final(&error) => pause(tries),
             outcome => return outcome,
         }
         tries += 1;
     }
 }
 
-/// Waits before a request is made again: .1 s, .4 s, more or less, so that many do not come back together.
+/// Waits before a request is made again: .25 s, 1 s, more or less, so that many do not come back together.
 fn pause(tries: u32) {
     let spread = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0, |now| u64::from(now.subsec_nanos()) % 100);
-    thread::sleep(std::time::Duration::from_millis((100 << (2 * tries)) * (50 + spread) / 100));
+    thread::sleep(std::time::Duration::from_millis((250 << (2 * tries)) * (50 + spread) / 100));
 }

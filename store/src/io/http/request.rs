@@ -182,12 +182,6 @@ fn roots_of(path: &Path) -> Result<RootCerts> {
     Ok(RootCerts::Specific(Arc::new(certificates)))
 }
 
-/// True for what no second request mends.
-pub(super) fn is_final(error: &io::Error) -> bool {
-    use ErrorKind::{InvalidInput, NotFound, PermissionDenied, StaleNetworkFileHandle, Unsupported};
-    matches!(error.kind(), InvalidInput | NotFound | PermissionDenied | StaleNetworkFileHandle | Unsupported)
-}
-
 /// The range that an answer says it has.
 fn judged(answer: &Response<Body>) -> io::Result<ContentRange> {
     let status = answer.status();
@@ -294,6 +288,7 @@ mod server;
 mod tests {
     use super::server::{Manners, Server};
     use super::*;
+    use crate::io::reader::is_final;
     use std::time::Instant;
 
     /// A server that stops in the middle, or never ends, is left after the bound; nothing waits for good.
