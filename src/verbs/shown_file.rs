@@ -101,12 +101,13 @@ impl ShownInput {
     /// The files whose change is another model: the mesh, or the scene and its model.
     ///
     /// # Errors
-    /// [`Code::Usage`] for what does not change, or is not told of; the scene cannot be read.
+    /// [`Code::Usage`] for what does not change, or is not told of.
     pub fn watched(&self) -> Result<Vec<PathBuf>> {
         match self.inputs.first() {
             Some(Input::File(mesh)) => Ok(vec![mesh.clone()]),
             None if !is_url(&self.file) => {
-                let (_, model) = open_scene(&self.file)?;
+                // A scene with a mistake is waited for, too.
+                let model = open_scene(&self.file).map_or_else(|_| self.file.clone(), |(_, model)| model);
                 let with_scene =
                     if model == self.file { vec![model] } else { vec![self.file.clone(), model] };
                 Ok(with_scene.into_iter().filter(|path| !is_url(path)).collect())

@@ -120,6 +120,27 @@ fn a_model_that_changes_is_seen_again_from_where_it_was_looked_at() {
     assert_eq!(ran.document()["shows"], 3);
 }
 
+/// The command ended with the mistake.
+#[test]
+fn a_mistake_in_a_scene_is_waited_for() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:10k -o m.trex");
+    let write = |text: &str| std::fs::write(inside.path().join("s.toml"), text).unwrap();
+    write("model = 'm.trex'\n");
+    let viewing = ViewProcess::start(inside.path(), "s.toml --quiet --spp 1 --watch --memory-limit 256MiB");
+    welcome_after_waits(&viewing);
+    let mut page = driver(&viewing);
+    write("model = 'm.trex'\n[camra]\n");
+    while page.read().is_ok() {}
+    let is_told = |text: &Value| text["text"].as_str().is_some_and(|text| text.contains("camra"));
+    viewing.told_after_waits(is_told);
+    write("model = 'm.trex'\n[camera]\nposition = [9, 9, 9]\ntarget = [0, 0, 0]\n");
+    welcome_after_waits(&viewing);
+    let ran = viewing.end();
+    ran.expect(0);
+    assert_eq!(ran.document()["shows"], 2);
+}
+
 #[test]
 fn what_does_not_change_is_not_watched() {
     let inside = folder();

@@ -53,8 +53,11 @@ export class Export {
   /** Asks for a picture. */
   take(format, size, spp) {
     const { app } = this;
+    if (this.under_way !== null || !app.may_edit()) {
+      return;
+    }
     const id = app.next_id();
-    if (this.under_way === null && app.connection.send({ type: "screenshot", id, format, size, spp })) {
+    if (app.connection.send({ type: "screenshot", id, format, size, spp })) {
       this.under_way = { id, done: 0, total: 0 };
       app.panels.say("The picture is being rendered");
       app.panels.refresh("export");

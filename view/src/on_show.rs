@@ -38,9 +38,10 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
 
     /// What was served, and what was on show last.
     pub(crate) fn report(&self) -> ServeReport {
+        let sources = self.text_sources();
         ServeReport {
             events: self.figures.events,
-            scene: self.texts().scene,
+            scene: Some(texts::scene(&sources, texts::scene_bytes(&sources))),
             is_as_opened: matches!(self.recipe(), Recipe::Opened { .. }),
             ..self.served.clone()
         }

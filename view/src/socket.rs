@@ -112,7 +112,10 @@ fn read(shared: &SharedState, client: &Client, socket: &mut Socket) -> u16 {
             Ok(FromClient::Ack { frame }) => client.acknowledge(frame),
             // Once is enough.
             Ok(FromClient::Hello { .. }) => return close::POLICY,
-            Ok(message) => answer(client, shared.mailbox.post(client.id, message)),
+            Ok(message) => {
+                let is_shot = matches!(message, FromClient::Screenshot { .. });
+                answer(client, shared.mailbox.post(client.id, message), is_shot);
+            }
             Err(error) => {
                 wrong += 1;
                 if wrong > WRONG_MAX {
@@ -124,8 +127,8 @@ fn read(shared: &SharedState, client: &Client, socket: &mut Socket) -> u16 {
     }
 }
 
-/// Answers a message that changed nothing.
-fn answer(client: &Client, posted: PostOutcome) {
+/// Answers a message that changed nothing: one for a screenshot by a code by which the page knows that none comes.
+fn answer(client: &Client, posted: PostOutcome, is_shot: bool) {
     let notice = match posted {
         PostOutcome::Accepted => return,
         PostOutcome::Watching => Notice::info("watching", "somebody else drives", "ask for the wheel"),
@@ -138,7 +141,7 @@ fn answer(client: &Client, posted: PostOutcome) {
         }
         PostOutcome::Cancelled => Notice::cancelled(),
     };
-    client.send_text(text_of(&notice));
+    client.send_text(text_of(&if is_shot { notice.of("screenshot") } else { notice }));
 }
 
 /// Writes until there is nothing more to write, or nobody who takes it.

@@ -136,7 +136,7 @@ pub struct ServeReport {
     pub sent_bytes: u64,
     /// Screenshots that were made.
     pub screenshots: u64,
-    /// What was on show at the end, as a scene file; `None` where that is long.
+    /// What was on show at the end, as a scene file; `None` before.
     #[serde(skip)]
     pub scene: Option<String>,
     /// No more than camera and settings of it are others than when it was opened.

@@ -224,6 +224,9 @@ fn who_watches_asks_for_the_wheel() {
     let mut watcher = Page::new(&server, SIZE);
     watcher.say(&camera(1, 1.5));
     assert_eq!(watcher.text("notice")["code"], "watching");
+    // By the code that ends it in the page.
+    watcher.say(&json!({"type": "screenshot", "id": 5, "format": "png", "size": [8, 8], "spp": 1}));
+    assert_eq!(watcher.text("notice")["code"], "screenshot");
     watcher.say(&json!({"type": "drive"}));
     assert_eq!(watcher.text("notice")["code"], "driven");
     drop(driver);

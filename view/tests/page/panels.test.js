@@ -97,6 +97,10 @@ test("a picture that was asked for is saved under the model's name", () => {
   globalThis.setTimeout = () => {};
   panel.received(file(0, 1));
   assert.deepEqual(links, [], "nobody asked");
+  app.may_edit = () => false;
+  panel.quick();
+  assert.deepEqual([panel.under_way, sent], [null, []], "who watches asks for none");
+  app.may_edit = () => true;
   panel.take("exr", [4, 3], 2);
   panel.quick();
   assert.deepEqual(sent, [{ type: "screenshot", id: 1, format: "exr", size: [4, 3], spp: 2 }], "one at a time");
