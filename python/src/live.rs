@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use trex_model::{LiveSession, Model};
-use trex_render::{Camera, CameraKeys, Event, Fov, FrameOptions, FrameProgress, Scene};
+use trex_render::{Event, FrameOptions, FrameProgress, Scene};
 use trex_store::{Code, Error, Result};
 
 /// Longest time of a frame, seconds: a minute.
@@ -41,17 +41,6 @@ impl NativeLive {
             None => Err(Error::new(Code::Usage, "the live picture is closed")
                 .at(self.model.file().path())
                 .next("begin another")),
-        }
-    }
-
-    /// The camera that `keys` say; what they leave open is framed.
-    fn camera(&self, keys: &CameraKeys, resolution: [u32; 2]) -> Camera {
-        let fov = keys.fov_x.map(Fov::X).or(keys.fov_y.map(Fov::Y));
-        let framed = Camera::framing(&self.model.file().superblock().bounds, resolution, keys.up, fov);
-        Camera {
-            position: keys.position.unwrap_or(framed.position),
-            target: keys.target.unwrap_or(framed.target),
-            ..framed
         }
     }
 }
@@ -101,7 +90,7 @@ impl NativeLive {
         detached::run(py, None, |_| {
             self.with(|session| {
                 if is_named("camera") {
-                    let camera = self.camera(&scene.camera, session.film().resolution());
+                    let camera = scene.camera.camera(session.model(), &session.view().settings);
                     session.apply(Event::Camera(camera))?;
                 }
                 if is_named("light") {

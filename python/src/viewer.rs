@@ -134,11 +134,15 @@ impl ViewerWork {
     fn run(self) -> Result<()> {
         let path = self.model.file().path().to_path_buf();
         let full = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+        // A call of camera and settings alone makes this picture.
+        let is_said = self.scene.lights.is_empty() && self.scene.materials.is_empty();
         let shown = ShownModel {
             name: &path.file_stem().unwrap_or_default().to_string_lossy(),
             path: &full.display().to_string(),
             scene: &self.scene,
-            words: &|recipe| words(&path.display().to_string(), recipe),
+            words: &|recipe| {
+                words(&path.display().to_string(), if is_said { recipe } else { &Recipe::Saved })
+            },
             peak_rss_bytes: &|| None,
             stop: &|| self.stop.load(Ordering::Relaxed),
         };

@@ -38,6 +38,25 @@ def test_frames_come_to_an_end_and_follow_changes(sphere_file):
         live.frame()
 
 
+def test_a_camera_has_all_keys_of_a_scene(sphere_file):
+    """A direction was left out, and the session's own way up."""
+
+    def seen(live):
+        *_, last = live.frames(spp=1)
+        return last.picture
+
+    settings = {"integrator": "direct", "resolution": (32, 24), "light": "auto", "up": "+Z"}
+    cameras = [{"direction": [0.1, -1, -0.2]}, {"position": [0, -8, 1], "target": [0, 0, 0]}]
+    with trex.open(sphere_file) as model:
+        for camera in cameras:
+            with model.live(**settings, camera=camera) as live:
+                expected = seen(live)
+            with model.live(**settings) as live:
+                assert not np.array_equal(seen(live), expected)
+                live.apply(camera=camera)
+                np.testing.assert_array_equal(seen(live), expected)
+
+
 def test_parts_change_live_within_the_limit(sphere_file):
     """Each picture in the end is that of a session which began with these parts, at a limit that fits one of them."""
     settings = {"camera": CAMERA, "resolution": (33, 33), "photons": 10_000, "spp": 1}
