@@ -10,7 +10,9 @@
 use crate::values;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
-use trex_render::keys::{BAKE, EXPOSURE, K_NEAREST, KEYS, LIGHT, OCCLUDERS, RESOLUTION, SEED, SPP, UP};
+use trex_render::keys::{
+    BAKE, EXPOSURE, K_NEAREST, KEYS, LIGHT, LOD_ERROR, OCCLUDERS, RESOLUTION, SEED, SPP, UP,
+};
 use trex_render::{Choice, Key, KeyKind, KeyValue, RenderEdit, RenderKeys};
 
 /// Heading of what a picture is of. A group of flags stands where its first flag is declared, so verbs declare
@@ -194,6 +196,9 @@ fn live(key: &'static Key) -> String {
     if key.name == EXPOSURE.name {
         return "; view, files without a scene: auto".into();
     }
+    if key.name == LOD_ERROR.name {
+        return format!("; stress, view of a file without a scene: {}", typed(key.live_value()));
+    }
     let value = key.live_value();
     if value == key.default_value() { String::new() } else { format!("; stress, view: {}", typed(value)) }
 }
@@ -245,7 +250,10 @@ mod tests {
             (&keys::N_GATHER, "; for photon and full-gi only (0 to 4096; default: 2)"),
             (&keys::FILTER, "; for photon and full-gi only (default: on; stress, view: off)"),
             (&keys::SPP, "Samples per pixel (1 to 10^9; default: 16)"),
-            (&keys::LOD_ERROR, "everywhere (0 to 1024; default: 0; stress, view: 1)"),
+            (
+                &keys::LOD_ERROR,
+                "everywhere (0 to 1024; default: 0; stress, view of a file without a scene: 1)",
+            ),
         ] {
             let help = help(key);
             assert!(help.ends_with(ends), "{help}");

@@ -1,7 +1,7 @@
 //! The table of a picture's keys, for `docs/scene.md`: what the renderer's own table says, as Markdown.
 
 use std::fmt::Write;
-use trex_render::keys::{EXPOSURE, KEYS, LIGHT};
+use trex_render::keys::{EXPOSURE, KEYS, LIGHT, LOD_ERROR};
 use trex_render::{Key, KeyKind};
 
 /// A row per key: its sentence, the methods that use it, its unit, range and default.
@@ -38,6 +38,13 @@ fn default(key: &Key) -> String {
     }
     if key.name == EXPOSURE.name {
         return format!("`{}`; `view`, files without a scene: `\"auto\"`", key.default_value());
+    }
+    if key.name == LOD_ERROR.name {
+        return format!(
+            "`{}`; `view`, `stress` of a file without a scene: `{}`",
+            key.default_value(),
+            key.live_value()
+        );
     }
     let (default, live) = (key.default_value(), key.live_value());
     if live == default { format!("`{default}`") } else { format!("`{default}`; `view`, `stress`: `{live}`") }

@@ -12,14 +12,15 @@ use trex_store::Error;
 const MIB: u64 = 1 << 20;
 /// Ways through several knobs, which the plot of time has lines for.
 const TIME_LINES: [&str; 5] = ["quality", "photon", "full-gi", "path", "time"];
-/// What `normal` is without a part, by the part: a knob and the value that turns it off.
+/// What `normal` is without a part, by the part: a knob and the value that turns it off, with as many samples as
+/// `normal` has.
 const PARTS: [(&str, &str, &str); 7] = [
     ("bitmaps", "occluders", "off"),
     ("contacts", "near", "voxel"),
     ("shadows_on_the_mesh", "shadows", "voxel"),
     ("filter", "filter", "off"),
     ("gathered_light", "n-gather", "0"),
-    ("light_in_voxels", "integrator", "full-gi"),
+    ("light_in_voxels", "full-gi", "16"),
     ("octree", "no-asvo", "plain"),
 ];
 /// What memory goes by.

@@ -67,6 +67,13 @@ impl Camera {
     /// a target at the position, an up along the view, a side of 0 or more than [`SIDE_MAX_PIXELS`].
     pub fn project(&self, resolution: [u32; 2]) -> Result<Projection> {
         let Camera { position, target, up, fov } = *self;
+        // Before all that is framed by it.
+        let (key, Fov::X(degrees) | Fov::Y(degrees)) =
+            (if matches!(fov, Fov::X(_)) { "camera.fov_x" } else { "camera.fov_y" }, fov);
+        if !(FOV_MIN_DEGREES..=FOV_MAX_DEGREES).contains(&degrees) {
+            let next = format!("give an angle in [{FOV_MIN_DEGREES}, {FOV_MAX_DEGREES}] degrees");
+            return Err(bad(key, "an angle of view out of range", format!("{degrees} degrees"), &next));
+        }
         for (key, vector) in [("camera.position", position), ("camera.target", target), ("camera.up", up)] {
             if vector.iter().any(|x| !x.is_finite()) {
                 return Err(bad(
@@ -86,12 +93,6 @@ impl Camera {
                 format!("{width} x {height}"),
                 &next,
             ));
-        }
-        let (key, Fov::X(degrees) | Fov::Y(degrees)) =
-            (if matches!(fov, Fov::X(_)) { "camera.fov_x" } else { "camera.fov_y" }, fov);
-        if !(FOV_MIN_DEGREES..=FOV_MAX_DEGREES).contains(&degrees) {
-            let next = format!("give an angle in [{FOV_MIN_DEGREES}, {FOV_MAX_DEGREES}] degrees");
-            return Err(bad(key, "an angle of view out of range", format!("{degrees} degrees"), &next));
         }
         let Some(forward) = unit(DVec3::from(target) - DVec3::from(position)) else {
             let numbers = format!("both are {position:?}");

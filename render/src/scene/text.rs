@@ -130,18 +130,18 @@ impl Scene {
             error.at_place(place)
         };
         let bad = |key: &str, numbers: String, next: &str| Err(in_file(out_of_range(key, numbers, next)));
-        let CameraKeys { position, target, direction, fov_x, fov_y, .. } = self.camera;
+        let CameraKeys { position, target, up, direction, fov_x, fov_y } = self.camera;
         if position.is_some() != target.is_some() {
             let numbers = format!("position {position:?}, target {target:?}");
             return bad("camera.position", numbers, "give both position and target, or neither");
         }
-        if let Some(direction) = direction {
+        if direction.is_some() && position.is_some() {
             let numbers = format!("direction {direction:?}, position {position:?}");
-            if position.is_some() {
-                return bad("camera.direction", numbers, "give a direction, or position and target");
-            }
-            if direction == [0.0; 3] || direction.iter().any(|part| !part.is_finite()) {
-                return bad("camera.direction", numbers, "give three finite numbers, not all of them 0");
+            return bad("camera.direction", numbers, "give a direction, or position and target");
+        }
+        for (key, way) in [("camera.direction", direction), ("camera.up", up)] {
+            if way.is_some_and(|way| way == [0.0; 3] || way.iter().any(|part| !part.is_finite())) {
+                return bad(key, format!("{way:?}"), "give three finite numbers, not all of them 0");
             }
         }
         if fov_x.is_some() && fov_y.is_some() {
@@ -158,7 +158,7 @@ impl Scene {
         }
         for (name, edit) in &self.materials {
             check_material(edit).or_else(|(key, numbers)| {
-                bad(&format!("material.{name:?}.{key}"), numbers, "give finite numbers >= 0")
+                bad(&format!("material.{name:?}.{key}"), numbers, "give finite numbers >= 0, ns at most 10^6")
             })?;
         }
         Ok(())
@@ -198,7 +198,7 @@ fn check_material(edit: &MaterialEdit) -> Result<(), (&'static str, String)> {
             return Err((key, format!("{rgb:?}")));
         }
     }
-    edit.ns.filter(|&ns| bad(ns)).map_or(Ok(()), |ns| Err(("ns", ns.to_string())))
+    edit.ns.filter(|&ns| bad(ns) || ns > 1e6).map_or(Ok(()), |ns| Err(("ns", ns.to_string())))
 }
 
 /// The file as TOML has it.
@@ -343,6 +343,8 @@ mod tests {
         check_error("model = 'x'\n[camera]\ntarget = [1,1,1]", "a.toml, key camera.position", "both");
         let turned = "model = 'x'\n[camera]\ndirection = [0, 0, 0]";
         check_error(turned, "a.toml, key camera.direction", "finite");
+        check_error("model = 'x'\n[camera]\nup = [0, 0, 0]", "a.toml, key camera.up", "finite");
+        check_error("model = 'x'\n[material.a]\nns = 1e9", "a.toml, key material.\"a\".ns", "10^6");
         check_error("model = 'x'\n[camera]\nfov_x = 3\nfov_y = 4", "a.toml, key camera.fov_x", "one angle");
         check_error("model = 'x'\n[material.a]\nkd = [1,-2,1]", "a.toml, key material.\"a\".kd", "-2");
         let light = "model = 'x'\n[[light]]\ntype = 'sky'\nradiance = [1,1,-1]";

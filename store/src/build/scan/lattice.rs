@@ -52,7 +52,8 @@ pub(crate) fn choose(scan: &Scan, precision: Precision, name: &str) -> Result<Gr
             let exact = extent / cells;
             if exact > exp2i(floor_log2(exact)) { floor_log2(exact) + 1 } else { floor_log2(exact) }
         }
-        Precision::Error(bound) => floor_log2(bound) + 1,
+        // The last step that is a number: all triangles collapse.
+        Precision::Error(bound) => (floor_log2(bound) + 1).min(1022),
     };
     let step = exp2i(exponent);
     let floor = |v: f64| if (v / step).abs() < exp2i(52) { (v / step).floor() * step } else { v };
@@ -118,5 +119,9 @@ mod tests {
         assert!(grid.lattice.step() <= 0.002 && grid.lattice.step() > 0.001);
         let refused = choose(&scan, Precision::Error(1e-13), "t").unwrap_err();
         assert_eq!(refused.code(), Code::Usage);
+        // It was a panic.
+        for bound in [1e300, f64::MAX] {
+            assert!(choose(&scan, Precision::Error(bound), "t").unwrap().lattice.step() >= 1e300);
+        }
     }
 }

@@ -192,7 +192,7 @@ impl Accessors<'_, '_> {
             )
             .numbers(format!("there are {count} views")));
         };
-        match view.extensions.as_deref().and_then(|extensions| extensions.meshopt.as_deref()) {
+        match view.extensions.as_deref().and_then(|extensions| extensions.meshopt()) {
             Some(meshopt) => {
                 let packed = self.packed(index, meshopt)?;
                 let (bytes, stride) = (packed.bytes(), packed.stride as u64);

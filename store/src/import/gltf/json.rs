@@ -220,8 +220,17 @@ pub(super) struct JsonView<'a> {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct JsonViewExtensions<'a> {
-    #[serde(borrow, rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
-    pub(super) meshopt: Option<Box<Object<JsonMeshopt<'a>>>>,
+    #[serde(borrow, rename = "KHR_meshopt_compression")]
+    khr_meshopt: Option<Box<Object<JsonMeshopt<'a>>>>,
+    #[serde(borrow, rename = "EXT_meshopt_compression")]
+    ext_meshopt: Option<Box<Object<JsonMeshopt<'a>>>>,
+}
+
+impl<'a> JsonViewExtensions<'a> {
+    /// The view as it is compressed; where both names stand, by the younger.
+    pub(super) fn meshopt(&self) -> Option<&JsonMeshopt<'a>> {
+        Some(self.khr_meshopt.as_deref().or(self.ext_meshopt.as_deref())?)
+    }
 }
 
 #[derive(Debug, Deserialize)]

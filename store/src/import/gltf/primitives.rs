@@ -264,7 +264,7 @@ fn values(
 fn has_plain_bytes(document: &JsonDocument<'_>, accessor: u32) -> bool {
     let accessor = document.accessors.get(accessor as usize);
     let view = accessor.and_then(|accessor| document.buffer_views.get(accessor.buffer_view? as usize));
-    let meshopt = view.and_then(|view| view.extensions.as_deref()?.meshopt.as_deref());
+    let meshopt = view.and_then(|view| view.extensions.as_deref()?.meshopt());
     let filter = meshopt.and_then(|meshopt| meshopt.filter.as_deref());
     !matches!(filter, Some("COLOR" | "OCTAHEDRAL"))
 }

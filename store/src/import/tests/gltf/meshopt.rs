@@ -215,6 +215,20 @@ fn turned(q: &[f64], v: [f64; 3]) -> [f64; 3] {
     [turned[0], turned[1], turned[2]]
 }
 
+/// A view may say it by both names.
+#[test]
+fn a_view_has_one_codec_by_two_names() {
+    let sound = compressed(4, VertexEncoding::new(0, 2).unwrap(), "TRIANGLES", U32);
+    let mut both = GlbWriter { json: sound.json.clone(), bin: sound.bin.clone() };
+    for view in both.json["bufferViews"].as_array_mut().unwrap() {
+        if let Some(meshopt) = view["extensions"].get("EXT_meshopt_compression").cloned() {
+            view["extensions"]["KHR_meshopt_compression"] = meshopt;
+        }
+    }
+    let triangles = |glb: GlbWriter| Fixture::new("a.glb", &glb.glb()).read().unwrap().triangles;
+    assert!(triangles(both) == triangles(sound));
+}
+
 #[test]
 fn what_no_position_has_is_refused() {
     let sound = compressed(4, VertexEncoding::new(0, 2).unwrap(), "TRIANGLES", U32);
