@@ -182,8 +182,9 @@ pub struct ShardArgs {
 
 const AFTER_BUILD: &str = "\
 The plan (memory, scratch and output size against the limit and the free space) is printed before work starts. \
-The output appears under its name only when it is whole. A build that is killed or interrupted goes on when the same \
-command runs again: a journal beside the output tells how far it was, and `trex info FOLDER` lists such builds. \
+The output appears under its name only when it is whole. A build that is killed, interrupted or ended by its \
+limit goes on when the same command runs again, with any limit: a journal beside the output tells how far it was, \
+and `trex info FOLDER` lists such builds. \
 Camera and lights of glTF go to OUT.toml, a scene beside the output, unless a file of that name is there.
 
 Examples:

@@ -150,12 +150,15 @@ pub fn with_smallest_limit(error: Error, inputs: InputList<'_>, temp_dir: &Path,
     if error.code() != Code::MemoryLimit {
         return error;
     }
+    // What the build has told, of what it keeps.
+    let kept = error.numbers_text().split_once("; ").map_or(String::new(), |(_, kept)| format!("; {kept}"));
     match smallest_limit(inputs, temp_dir, ctx) {
         Ok((name, smallest)) if smallest > ctx.budget.limit_bytes() => {
+            let smallest = smallest.max(error.smallest_limit_bytes().unwrap_or(0));
             Error::new(Code::MemoryLimit, "the memory limit has no room for this build")
                 .at_place(name)
                 .numbers(format!(
-                    "limit {}, {} needed: {} reserved for the process, {} to read and to work",
+                    "limit {}, {} needed: {} reserved for the process, {} to read and to work{kept}",
                     size::bytes(ctx.budget.limit_bytes()),
                     size::bytes(smallest),
                     size::bytes(RESERVE_BYTES),

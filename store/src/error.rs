@@ -183,6 +183,13 @@ impl Error {
         self
     }
 
+    /// Of a limit that is too small, which knows of one lease: named is the limit that has room for more.
+    pub fn with_room(self, more_bytes: u64) -> Error {
+        let Some(bytes) = self.0.smallest_limit_bytes else { return self };
+        let bytes = bytes.saturating_add(more_bytes);
+        self.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
+    }
+
     /// An I/O failure while `doing` something to `path`; a full disk and a path that leads nowhere get their own codes.
     pub fn io(doing: &str, path: &Path, error: &std::io::Error) -> Error {
         use std::io::ErrorKind;

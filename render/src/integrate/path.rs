@@ -9,8 +9,8 @@
 //! mis_weight of the bounce = pdf_bounce^2 / (pdf_bounce^2 + (n_shadow * pdf_light)^2)
 //! ```
 //!
-//! Normals of vertices shade what is seen, itself or in a mirror; light that was scattered before meets planes, as
-//! photons do, since by smooth normals it would lose a part at every bounce.
+//! Normals of vertices shade what is seen, itself or in a mirror; a scattered ray meets planes, as photons do, since by
+//! smooth normals light would lose a part at every bounce. What it meets in a mirror is shaded by normals again.
 //!
 //! Invariants: 1. the weights of the two ways add up to 1 for every light that both can find, and points and suns,
 //! which no bounce meets, are left to light samples; 2. rectangles shade nothing: a bounce counts all that it crosses.

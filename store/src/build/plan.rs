@@ -52,6 +52,7 @@ pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &
     let builders = emit::needed_bytes(sizes, options) * emit::worker_count(sizes, options) as u64;
     let AttributeSet { colours: has_colours, normals: has_normals } = sizes.attributes;
     let of = |has: bool, bytes: u64| if has { bytes } else { 0 };
+    let lists = partition::chunks_bytes(triangle_count);
     let voxels = VoxelPlan::of(options.voxels, triangle_count);
     let attribute_scratch_bytes =
         of(has_colours, PLAN_COLOUR_SCRATCH_BYTES) + of(has_normals, PLAN_NORMAL_SCRATCH_BYTES);
@@ -63,8 +64,8 @@ pub(super) fn plan(sizes: &InputSizes, options: &BuildOptions, scratch_folder: &
         memory_bytes: crate::RESERVE_BYTES
             + options.budget.used_bytes()
             + partition::phase_bytes(options.budget.free_bytes(), sizes)
-                .max(builders.max(voxels.merge_bytes) + table_bytes::tables_bytes(sizes))
-                .max(table_bytes::top_tree_bytes(sizes)),
+                .max(lists + builders.max(voxels.merge_bytes) + table_bytes::tables_bytes(sizes))
+                .max(lists + table_bytes::top_tree_bytes(sizes)),
         limit_bytes: options.budget.limit_bytes(),
         scratch_bytes: triangle_count * (PLAN_SCRATCH_BYTES + attribute_scratch_bytes) + voxels.scratch_bytes,
         output_bytes: triangle_count * (PLAN_OUTPUT_BYTES + attribute_bytes) + voxels.output_bytes,
@@ -90,6 +91,7 @@ pub fn smallest_bytes_for(sizes: &InputSizes) -> u64 {
     let tables = MaterialList::bytes(sizes.material_count, sizes.name_bytes) + table_bytes::file_bytes(sizes);
     let read_back = tables + 5 * FRAME_BYTES as u64;
     let partition = partition::smallest_bytes(sizes);
-    let phases = [partition, chunks, table_bytes::top_tree_bytes(sizes), read_back];
-    materials + phases.into_iter().max().unwrap_or(0)
+    let lists = partition::chunks_bytes(sizes.triangle_count);
+    let behind = [chunks, table_bytes::top_tree_bytes(sizes), read_back].into_iter().max().unwrap_or(0);
+    materials + partition.max(lists + behind)
 }

@@ -10,9 +10,8 @@ use crate::build::options::BuildOptions;
 use crate::build::scan::Grid;
 use crate::build::scratch::run_writer::{RunWriter, WrittenRun};
 use crate::build::scratch::{LatticeTriangle, RUN_TRIANGLES, Run, Scratch, TriangleList};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geom::hilbert_key;
-use crate::next_step::NextStep;
 use std::collections::HashMap;
 
 /// Finest level of a first pass: 64^3 cells.
@@ -273,14 +272,12 @@ impl PartitionCells {
         Ok(())
     }
 
-    /// The error of a limit that has no room for the lists of all triangles, of which `read` of `all` have come: named
-    /// is one that has, where the others are like these.
-    pub(super) fn for_all(&self, error: Error, [read, all]: [u64; 2]) -> Error {
-        let Some(bytes) = error.smallest_limit_bytes() else { return error };
-        // Pieces of chunks take as much again.
-        let whole = 2.0 * self.list_bytes as f64 * (all as f64 / read.max(1) as f64).max(1.0);
-        let bytes = bytes + (whole as u64).saturating_sub(self.list_bytes);
-        error.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
+    /// About what is lacking for the lists of all triangles, of which `read` of `all` have come, where the others are
+    /// like these: runs, as much again for the pieces of chunks, and the third of what is free that buffers take.
+    pub(super) fn lacking_bytes(&self, [read, all]: [u64; 2]) -> u64 {
+        let runs = self.list_bytes - self.cells.len() as u64 * CELL_BYTES;
+        let whole = 3.0 * runs as f64 * (all as f64 / read.max(1) as f64).max(1.0);
+        (whole as u64).saturating_sub(runs)
     }
 
     /// Writes what is buffered, cuts cells that are too full, joins small ones.
@@ -292,7 +289,7 @@ impl PartitionCells {
         whole.sort_by_key(|cell| (cell.place.level, cell.key));
         let mut chunks = ChunkJoiner::default();
         let PartitionCells { mut writer, sorted, mut lists, list_bytes, .. } = self;
-        // All at once, so that a limit that is named has room for all; a run may go to two chunks.
+        // A run may go to two chunks.
         let joined = whole.iter().filter(|cell| !sorted.is_cut_again(&cell.place, cell.triangle_count));
         let pieces: usize = joined.map(|cell| cell.runs.len() + 1).sum();
         lists.take((pieces * size_of::<Piece>()) as u64)?;

@@ -124,6 +124,7 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     let PartitionWork { start, journal, options, report } = work;
     let memory = SortMemory::lease(start.scan().attributes, &options.budget)?;
     let lists = ListMemory::begin(&options.budget)?;
+    let sorted_count = start.sorted_count();
     let name = source.name();
     let rule = |scan: &Scan, grid: &Grid| memory.rule(first_levels(scan.triangle_count, grid), grid);
     let (mut sorter, grid) = match start {
@@ -145,10 +146,13 @@ pub(crate) fn partition(source: &mut dyn TriangleSource, work: PartitionWork<'_>
     let mut snapper = Snapper::new(grid, name.clone());
     let report_count = |count| report("partition", "triangles", count, scan.triangle_count);
     let waited = sorter.run(source, &mut snapper, options, &report_count);
-    let waited = waited.map_err(|error| sorter.cells.for_all(error, [snapper.read, scan.triangle_count]))?;
+    let sorted_count = snapper.read.max(sorted_count);
+    let lacking_bytes = sorter.cells.lacking_bytes([sorted_count, scan.triangle_count]);
+    let waited = waited.map_err(|error| error.with_room(lacking_bytes))?;
 
     let Sorter { cells, snapped, .. } = sorter;
-    let SortedChunks { writer, chunks, lists } = cells.into_chunks(options)?;
+    let chunked = cells.into_chunks(options).map_err(|error| error.with_room(lacking_bytes));
+    let SortedChunks { writer, chunks, lists } = chunked?;
     let triangle_count = chunks.iter().map(|c| c.triangle_count).sum();
     let mean_colours = snapped.mean_colours();
     Ok(Partition {
@@ -307,12 +311,23 @@ pub(crate) fn smallest_bytes(sizes: &InputSizes) -> u64 {
     BUFFER_BYTES_LEAST + fixed_bytes(sizes)
 }
 
-/// About the bytes of the lists of a surface whose triangles come in the order of their places.
-fn list_bytes(triangle_count: u64) -> u64 {
+/// About the cells and runs of a surface of so many triangles that come in the order of their places.
+fn list_counts(triangle_count: u64) -> [u64; 2] {
     let levels = levels_of(triangle_count);
-    let cell_count = (CROSSINGS << (2 * levels)).min(1 << (3 * levels));
-    let run_count = 2 * triangle_count.div_ceil(RUN_TRIANGLES as u64) + RUNS_LEAST as u64 * cell_count;
-    cell_count * CELL_BYTES + run_count * (size_of::<Run>() + size_of::<Piece>()) as u64
+    let cells = (CROSSINGS << (2 * levels)).min(1 << (3 * levels));
+    [cells, 2 * triangle_count.div_ceil(RUN_TRIANGLES as u64) + RUNS_LEAST as u64 * cells]
+}
+
+/// About the bytes of its chunks.
+pub(crate) fn chunks_bytes(triangle_count: u64) -> u64 {
+    let [_, runs] = list_counts(triangle_count);
+    runs * size_of::<Piece>() as u64
+}
+
+/// About the bytes of all its lists.
+fn list_bytes(triangle_count: u64) -> u64 {
+    let [cells, runs] = list_counts(triangle_count);
+    cells * CELL_BYTES + runs * size_of::<Run>() as u64 + chunks_bytes(triangle_count)
 }
 
 /// Bytes beside the buffers.

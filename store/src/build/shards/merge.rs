@@ -1,6 +1,6 @@
 //! The merge: from the fragments of all shards to the page file.
 
-use super::{by_phase, with_room};
+use super::by_phase;
 use crate::budget::{Budget, RESERVE_BYTES};
 use crate::build::draft::Draft;
 use crate::build::emit::file_id::file_id;
@@ -47,7 +47,7 @@ pub fn merge(work: &MergeWork<'_>, report: Report<'_>) -> Result<BuildReport> {
     fragments.iter().try_for_each(|fragment| check_apart(output, fragment))?;
     let site = BuildSite::check(output, options)?;
     let opened = open_all(fragments, &options.budget);
-    let (fragments, model) = opened.map_err(|error| with_room(error, smallest_bytes()))?;
+    let (fragments, model) = opened.map_err(|error| error.with_room(smallest_bytes()))?;
     // What is sure to be enough: a build's, beside the tables of fragments and a block of each voxel run.
     let run_count: u64 = fragments.iter().map(Fragment::run_count).sum();
     let sure_bytes = RESERVE_BYTES
@@ -63,7 +63,7 @@ pub fn merge(work: &MergeWork<'_>, report: Report<'_>) -> Result<BuildReport> {
     });
     let mut out = merged.map_err(|error| {
         let more_bytes = sure_bytes.saturating_sub(error.smallest_limit_bytes().unwrap_or(0));
-        with_room(stopped(error, output, journal.as_mut()), more_bytes)
+        stopped(error, output, journal.as_mut()).with_room(more_bytes)
     })?;
     (out.phase_ms.total, out.phase_cpu_ms.total) = clock.lap();
     Ok(out)

@@ -23,8 +23,7 @@ pub use shard::{ShardReport, ShardWork, build};
 
 use crate::budget::Budget;
 use crate::build::report::PhaseReport;
-use crate::error::{Error, Result};
-use crate::next_step::NextStep;
+use crate::error::Result;
 use crate::output::check_apart;
 use crate::progress::{Progress, Report};
 use crate::source::SourceStats;
@@ -37,17 +36,6 @@ fn by_phase<T>(budget: &Budget, report: Report<'_>, work: impl FnOnce(PhaseRepor
     work(&|phase, unit, done, total| {
         report(Progress { phase, done, total, unit, memory_bytes: budget.used_bytes() });
     })
-}
-
-/// The error of a limit that is too small, which knows of one lease: named is the limit that has room for more.
-fn with_room(error: Error, more_bytes: u64) -> Error {
-    match error.smallest_limit_bytes() {
-        Some(bytes) => {
-            let bytes = bytes.saturating_add(more_bytes);
-            error.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
-        }
-        None => error,
-    }
 }
 
 /// Refuses an output that the input names: what a source has read is known once its stream has ended.

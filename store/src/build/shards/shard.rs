@@ -3,7 +3,7 @@
 //! It is locked, journalled and resumed as a build is, but that it resumes no later than behind the sort: chunks are
 //! made again.
 
-use super::{by_phase, with_room};
+use super::by_phase;
 use crate::budget::RESERVE_BYTES;
 use crate::build::draft::Draft;
 use crate::build::emit::voxels::VoxelWork;
@@ -135,7 +135,7 @@ pub fn build(
             Some(bytes) if plan.has_triangles() => {
                 // What is sure to be enough: a build's.
                 let sure_bytes = RESERVE_BYTES + used_bytes + smallest_bytes_for(&work.sizes(share));
-                with_room(error, sure_bytes.saturating_sub(bytes))
+                error.with_room(sure_bytes.saturating_sub(bytes))
             }
             _ => error,
         }
