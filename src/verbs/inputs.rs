@@ -9,7 +9,7 @@ use std::path::Path;
 use trex_store::build::{self, InputSizes};
 use trex_store::import::{self, Format, ImportOptions, MaterialNaming, TextureUse, VolumeOptions};
 use trex_store::{
-    AttributeSet, Budget, Chain, Code, CreasedSource, Error, NextStep, RESERVE_BYTES, Result, TriangleSource,
+    AttributeSet, Budget, Chain, Code, CreasedSource, Error, RESERVE_BYTES, Result, TriangleSource,
 };
 
 /// Bytes of the vertex caches of inputs that are only counted.
@@ -100,7 +100,7 @@ pub fn open(
     let mut caches_bytes = 0;
     if inputs.inputs.iter().any(|input| matches!(input, Input::File(_))) {
         let (ledger, free_bytes) = (Budget::unlimited(), ctx.budget.free_bytes());
-        let _sources = open_all(&ledger, 0).map_err(|error| with_work(error, work_bytes))?;
+        let _sources = open_all(&ledger, 0).map_err(|error| error.with_room(work_bytes))?;
         caches_bytes = (free_bytes / 4).min(free_bytes.saturating_sub(work_bytes + ledger.used_bytes()));
     }
     leaving(work_bytes, ctx, |budget| open_all(budget, caches_bytes))
@@ -150,22 +150,25 @@ pub fn with_smallest_limit(error: Error, inputs: InputList<'_>, temp_dir: &Path,
     if error.code() != Code::MemoryLimit {
         return error;
     }
-    // What the build has told, of what it keeps.
-    let kept = error.numbers_text().split_once("; ").map_or(String::new(), |(_, kept)| format!("; {kept}"));
     match smallest_limit(inputs, temp_dir, ctx) {
         Ok((name, smallest)) if smallest > ctx.budget.limit_bytes() => {
+            // The build may know of more.
             let smallest = smallest.max(error.smallest_limit_bytes().unwrap_or(0));
-            Error::new(Code::MemoryLimit, "the memory limit has no room for this build")
+            let made = Error::new(Code::MemoryLimit, "the memory limit has no room for this build")
                 .at_place(name)
                 .numbers(format!(
-                    "limit {}, {} needed: {} reserved for the process, {} to read and to work{kept}",
+                    "limit {}, {} needed: {} reserved for the process, {} to read and to work",
                     size::bytes(ctx.budget.limit_bytes()),
                     size::bytes(smallest),
                     size::bytes(RESERVE_BYTES),
                     size::bytes(smallest - RESERVE_BYTES)
                 ))
                 .next(format!("--memory-limit {}MiB or more, or fewer --threads", smallest.div_ceil(1 << 20)))
-                .smallest_limit(smallest)
+                .smallest_limit(smallest);
+            match error.kept_bytes() {
+                Some(bytes) => made.keeping(bytes),
+                None => made,
+            }
         }
         _ => error,
     }
@@ -212,17 +215,6 @@ fn generate_in(spec: &Spec, budget: &Budget, ctx: &Context) -> Result<Box<dyn Tr
     datasets_gen::open(spec, &options)
 }
 
-/// The error of an input that the limit has no room to hold: named is the limit that has room for the work, too.
-pub fn with_work(error: Error, work_bytes: u64) -> Error {
-    match error.smallest_limit_bytes() {
-        Some(bytes) => {
-            let smallest = bytes.saturating_add(work_bytes);
-            error.next(NextStep::RaiseLimit { bytes: smallest }).smallest_limit(smallest)
-        }
-        None => error,
-    }
-}
-
 /// Opens a source under the limit of `ctx`. Where the limit has no room for it and `work_bytes` more, the error
 /// names the limit that has: each lease alone knows only of those before it.
 fn leaving(
@@ -237,7 +229,7 @@ fn leaving(
         Err(error) => return Err(error),
     }
     let ledger = Budget::unlimited();
-    let source = open(&ledger).map_err(|error| with_work(error, work_bytes))?;
+    let source = open(&ledger).map_err(|error| error.with_room(work_bytes))?;
     let smallest = RESERVE_BYTES + ledger.used_bytes() + work_bytes;
     Err(Error::new(Code::MemoryLimit, "the memory limit has no room for this work")
         .at_place(source.name())

@@ -83,8 +83,8 @@ pub fn shard(
     let plan = read.map_err(|error| {
         let plan_bytes = PLAN_COPIES * ShardPlan::table_bytes(plan_path);
         match has_inputs {
-            true => inputs::with_work(inputs::with_smallest_limit(error, inputs, &scratch, ctx), plan_bytes),
-            false => inputs::with_work(error, plan_bytes + build::smallest_bytes()),
+            true => inputs::with_smallest_limit(error, inputs, &scratch, ctx).with_room(plan_bytes),
+            false => error.with_room(plan_bytes + build::smallest_bytes()),
         }
     })?;
     let plan_bytes = ctx.budget.used_bytes();
@@ -103,7 +103,7 @@ pub fn shard(
         let built = with_source(inputs, &scratch, ctx, |source| {
             Ok((source.name(), shards::build(Some(source), &work, &ctx.report())?))
         });
-        built.map_err(|error| inputs::with_work(error, plan_bytes))?
+        built.map_err(|error| error.with_room(plan_bytes))?
     } else {
         (plan_path.display().to_string(), shards::build(None, &work, &ctx.report())?)
     };

@@ -116,6 +116,7 @@ struct Parts {
     next_words: String,
     setting: Option<Setting>,
     smallest_limit_bytes: Option<u64>,
+    kept_bytes: Option<u64>,
 }
 
 impl Error {
@@ -131,6 +132,7 @@ impl Error {
             next_words: String::new(),
             setting: None,
             smallest_limit_bytes: None,
+            kept_bytes: None,
         }))
     }
 
@@ -188,6 +190,18 @@ impl Error {
         let Some(bytes) = self.0.smallest_limit_bytes else { return self };
         let bytes = bytes.saturating_add(more_bytes);
         self.next(NextStep::RaiseLimit { bytes }).smallest_limit(bytes)
+    }
+
+    /// Of a build that leaves `bytes` on disk, from which another resumes: the numbers say so, too.
+    pub fn keeping(mut self, bytes: u64) -> Error {
+        let kept = format!(
+            "{} MiB are kept beside the output, or in the folder of scratch",
+            bytes.div_ceil(1 << 20)
+        );
+        let Parts { numbers, kept_bytes, .. } = &mut *self.0;
+        *numbers = if numbers.is_empty() { kept } else { format!("{numbers}; {kept}") };
+        *kept_bytes = Some(bytes);
+        self
     }
 
     /// An I/O failure while `doing` something to `path`; a full disk and a path that leads nowhere get their own codes.
@@ -302,6 +316,11 @@ impl Error {
     /// The smallest limit that would do, for [`Code::MemoryLimit`].
     pub fn smallest_limit_bytes(&self) -> Option<u64> {
         self.0.smallest_limit_bytes
+    }
+
+    /// Bytes on disk from which a build resumes, where one was ended that can.
+    pub fn kept_bytes(&self) -> Option<u64> {
+        self.0.kept_bytes
     }
 }
 

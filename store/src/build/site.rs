@@ -44,15 +44,10 @@ pub(super) fn stopped(error: Error, output: &Path, journal: Option<&mut Journal>
     let keeps = |journal: &&mut Journal| {
         journal.has_records() && matches!(code, Code::Interrupted | Code::MemoryLimit)
     };
-    let Some(journal) = journal.filter(keeps) else { return error };
-    let kept = format!(
-        "{} MiB are kept beside the output, or in the folder of scratch",
-        journal.keep().div_ceil(1 << 20)
-    );
-    if code == Code::Interrupted {
-        return error.at(output).numbers(kept).next(NextStep::ResumeOrClean);
+    match journal.filter(keeps) {
+        None => error,
+        // The next step is a larger limit, with which it resumes.
+        Some(journal) if code == Code::MemoryLimit => error.keeping(journal.keep()),
+        Some(journal) => error.at(output).numbers("").keeping(journal.keep()).next(NextStep::ResumeOrClean),
     }
-    // The next step is a larger limit, with which it resumes.
-    let numbers = format!("{}; {kept}", error.numbers_text());
-    error.numbers(numbers)
 }

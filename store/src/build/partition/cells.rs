@@ -220,14 +220,13 @@ impl PartitionCells {
     }
 
     fn add_run(&mut self, WrittenRun { owner, run, room }: WrittenRun) -> Result<()> {
-        let runs = &mut self.cells[owner].runs;
+        let runs = &self.cells[owner].runs;
         if runs.len() == runs.capacity() {
             let more = runs.len().max(RUNS_LEAST);
-            self.lists.take(runs_bytes(more))?;
-            self.list_bytes += runs_bytes(more);
-            runs.reserve_exact(more);
+            self.take(runs_bytes(more))?;
+            self.cells[owner].runs.reserve_exact(more);
         }
-        runs.push(run);
+        self.cells[owner].runs.push(run);
         self.buffered -= room;
         Ok(())
     }
