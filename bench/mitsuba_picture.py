@@ -2,10 +2,11 @@
 
     bench/mitsuba_picture.py TREX SCENE.toml SPP FOLDER
 
-Prints a document for `trex-bench record`. Writes mitsuba.exr, and diffuse.toml, the scene that `trex render` is to make of it: Mitsuba has no modified Phong, so
-nothing is glossy in either, and no surface is a mirror. Each material is exported as a mesh of its own; lamps of the
-model shine on the side of their counter-clockwise face, as do rectangles, which are black here: no ray comes to the
-back of one in these scenes.
+Prints a document for `trex-bench record`. Reads model.trex in the folder, which stands for the scene's model. Writes
+mitsuba.exr, and diffuse.toml, the scene that `trex render` is to make of it: Mitsuba has no modified Phong, so nothing
+is glossy in either, and no surface is a mirror. Each material is exported as a mesh of its own; lamps of the model
+shine on the side of their counter-clockwise face, as do rectangles, which are black here: no ray comes to the back of
+one in these scenes.
 """
 
 import json
@@ -20,7 +21,7 @@ import numpy as np
 trex, scene_path, spp, folder = sys.argv[1], pathlib.Path(sys.argv[2]), int(sys.argv[3]), pathlib.Path(sys.argv[4])
 mi.set_variant("scalar_rgb")
 scene = tomllib.loads(scene_path.read_text())
-model = (scene_path.parent / scene["model"]).resolve()
+model = (folder / "model.trex").resolve()
 info = json.loads(subprocess.check_output([trex, "info", "--json", str(model)]))
 width, height = scene["render"]["resolution"]
 camera = scene["camera"]

@@ -65,14 +65,21 @@ build_kinds() {
     fi
 }
 
-# build_scenes NAME...: the page files of bench/scenes/NAME.toml in out/ of the checkout, those that are missing, each as the first
-# line of its scene says; an input that is no generator is of `../shared/models`.
+# scene_input NAME: what the page file of bench/scenes/NAME.toml is built of, as the first line of the scene says; an input that is no
+# generator is of `../shared/models`.
+scene_input() {
+    local input _
+    read -r _ _ _ input _ <"$root/bench/scenes/$1.toml"
+    [[ $input == gen:* ]] || input=$(echo "$root"/../shared/models/*/"$input")
+    echo "$input"
+}
+
+# build_scenes NAME...: the page files of bench/scenes/NAME.toml in out/ of the checkout, those that are missing.
 build_scenes() {
-    local scene input output _
+    local scene output _
     mkdir -p "$root/out"
     for scene; do
-        read -r _ _ _ input _ output <"$root/bench/scenes/$scene.toml"
-        [[ $input == gen:* ]] || input=$(echo "$root"/../shared/models/*/"$input")
-        [ -e "$root/$output" ] || "$trex" build "$input" -o "$root/$output" --progress none
+        read -r _ _ _ _ _ output <"$root/bench/scenes/$scene.toml"
+        [ -e "$root/$output" ] || "$trex" build "$(scene_input "$scene")" -o "$root/$output" --progress none
     done
 }
