@@ -275,6 +275,13 @@ impl Film {
         }
     }
 
+    /// What the mean of tile `index` counts for beside a preview, in samples of a pixel: those that it has, or the
+    /// square of them once they are smoothed: what the filter takes away is noise as well.
+    pub fn tile_worth(&self, index: u32) -> u32 {
+        let samples = self.tile_samples(index);
+        if self.smoothed_of > 0 { samples.saturating_mul(samples) } else { samples }
+    }
+
     /// Samples of the present state that every pixel has, with those that its portion begins behind.
     pub fn samples(&self) -> u32 {
         self.tiles().map(|index| self.tile_samples(index)).min().unwrap_or(0)

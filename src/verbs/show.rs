@@ -72,8 +72,10 @@ impl<T: PagedTracer + Send> Show<T> {
     pub fn smooth(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<()> {
         match self {
             Show::AtLeisure(session) => session.smooth_until(stop),
-            // Frames smooth what they show.
-            Show::InFrames(_) => Ok(()),
+            Show::InFrames(live) => {
+                live.session.smooth_shown(0, stop);
+                Ok(())
+            }
         }
     }
 

@@ -30,7 +30,7 @@ const fn knob(name: &'static str, flag: &'static str, values: &'static [&'static
 }
 
 /// All of them.
-pub(super) const KNOBS: [Knob; 22] = [
+pub(super) const KNOBS: [Knob; 23] = [
     Knob { base: "", ..knob("quality", "--quality", &["draft", "normal", "reference"]) },
     knob("spp", "--spp", &["1", "2", "4", "8", "16", "32", "64", "128", "256"]),
     knob("n-gather", "--n-gather", &["0", "1", "2", "4", "8", "32"]),
@@ -44,6 +44,7 @@ pub(super) const KNOBS: [Knob; 22] = [
     knob("bake", "", &["", "--bake"]),
     knob("caustics", "", &["", "--caustics"]),
     Knob { base: "", ..knob("integrator", "--integrator", &["direct", "ao", "photon", "full-gi", "path"]) },
+    knob("time-limit", "--time-limit", &["300ms", "1s", "3s"]),
     knob("time", "--t-max 33 --time-limit", &["33ms", "100ms", "300ms", "1s", "3s"]),
     knob("memory", "--memory-limit", &[]),
     Knob {

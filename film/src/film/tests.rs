@@ -92,3 +92,19 @@ fn a_row_is_its_pixels() {
         }
     }
 }
+
+#[test]
+fn smoothed_samples_count_for_more_beside_a_preview() {
+    let layers = Layers { filter: true, ..Layers::default() };
+    let mut film = Film::new([8, 8], layers, &Budget::unlimited()).unwrap();
+    let tile = tile([8, 8], 0);
+    for _ in 0..3 {
+        film.add(&tile, &[[1.0; 3]; 64]);
+        film.add_indirect(&tile, &[[0.5; 3]; 64]);
+    }
+    assert_eq!(film.tile_worth(0), 3);
+    film.set_smooth();
+    assert_eq!(film.tile_worth(0), 9);
+    film.begin_state();
+    assert_eq!(film.tile_worth(0), 0);
+}

@@ -77,7 +77,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
             &mut live.event,
             &TileFrame { spp, begin, t_max, stop },
         );
-        self.smooth(spp, stop);
+        self.smooth_shown(spp, stop);
         self.live.tiles.learn_time(tiles_begin.elapsed());
         let progress = match self.live.event.first_block() {
             _ if self.film.samples() >= spp && self.light.is_whole() => FrameProgress::Done,
@@ -197,8 +197,8 @@ impl<T: PagedTracer + Send> LiveSession<T> {
     }
 
     /// Smooths the indirect light of a film that keeps it apart, each time that its samples have doubled, and when all
-    /// `spp` are there.
-    fn smooth(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) {
+    /// `spp` are there. Frames do so by themselves; for 0 it is done of what samples there are, until `stop`.
+    pub fn smooth_shown(&mut self, spp: u32, stop: &(dyn Fn() -> bool + Sync)) {
         let Session { film, world, pool, .. } = &mut self.session;
         let samples = film.samples();
         if film.layers().filter

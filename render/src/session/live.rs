@@ -222,7 +222,7 @@ impl<T: PagedTracer + Send> LiveSession<T> {
         }
         self.film.radiances(first, radiances);
         let is_alike = self.view.settings.integrator.has_own_preview();
-        let samples = self.film.tile_samples(index);
+        let samples = self.film.tile_worth(index);
         // Of samples from before an event nothing says how many they are: they are shown as they are.
         if is_alike
             && samples > 0
