@@ -235,6 +235,12 @@ impl Model {
         Ok(())
     }
 
+    /// Sets the memory limit to the one that the model was opened with; frames come with what is planned next.
+    pub(crate) fn restore_limit(&self) {
+        let _room = self.lock_room();
+        self.0.budget.set_limit(self.0.limit_bytes);
+    }
+
     /// The page file.
     pub fn file(&self) -> &Arc<PageFile> {
         &self.0.file
@@ -270,8 +276,15 @@ impl Model {
         self.pool().map_or_else(Vec::new, |pool| pool.damage())
     }
 
-    pub(crate) fn damage_policy(&self) -> DamagePolicy {
-        self.0.damage
+    /// Whether what was read is all there, which is not asked of a model that leaves damaged pages out.
+    ///
+    /// # Errors
+    /// That of the first damaged page that was met since the model was opened.
+    pub fn check_damage(&self) -> Result<()> {
+        match (self.0.damage, self.damage().into_iter().next()) {
+            (DamagePolicy::Refuse, Some((_, error))) => Err(error),
+            _ => Ok(()),
+        }
     }
 
     pub(crate) fn worker_count(&self) -> usize {

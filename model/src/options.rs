@@ -21,7 +21,8 @@ pub enum ThreadSource {
 /// What becomes of answers where pages are damaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DamagePolicy {
-    /// Rays of the caller end in the error of the first damaged page that was met since the model was opened.
+    /// Rays of the caller, and pictures that are rendered to their end, end in the error of the first damaged page that
+    /// was met since the model was opened.
     #[default]
     Refuse,
     /// Damaged pages count as empty; [`crate::Model::damage`] lists them.

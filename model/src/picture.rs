@@ -20,7 +20,7 @@ impl Model {
     /// Renders what `scene` describes, as [`Model::session`] does: photons, all samples, the filter.
     ///
     /// # Errors
-    /// Those of [`Model::session`]; [`trex_store::Code::Interrupted`].
+    /// Those of [`Model::session`] and [`Model::check_damage`]; [`trex_store::Code::Interrupted`].
     pub fn render(&self, scene: &Scene, interrupt: &Interrupt, report: Report<'_>) -> Result<Picture> {
         let mut session = self.session(scene)?;
         let stop = || interrupt.is_raised();
@@ -36,6 +36,7 @@ impl Model {
             ControlFlow::Continue(())
         });
         interrupt.check()?;
+        self.check_damage()?;
         session.smooth()?;
         Ok(Picture { session, exposure: keys.exposure.factor(), photons, stats })
     }

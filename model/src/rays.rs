@@ -8,7 +8,6 @@
 //! for as long as the call lasts: what is returned is the caller's.
 
 use crate::handle::Model;
-use crate::options::DamagePolicy;
 use std::ops::Range;
 use trex_render::{
     HITS_PER_RAY, Hit, MemoryPlan, MeshTracer, MeshTriangle, PooledPages, Ray, ShadedHit, crossings_all,
@@ -169,10 +168,8 @@ impl Model {
             }
         });
         interrupt.check()?;
-        match (self.damage_policy(), self.damage().into_iter().next()) {
-            (DamagePolicy::Refuse, Some((_, error))) => Err(error),
-            _ => Ok(answers.into_iter().flatten().collect()),
-        }
+        self.check_damage()?;
+        Ok(answers.into_iter().flatten().collect())
     }
 
     /// Leases what a list of hits has grown by.

@@ -74,15 +74,18 @@ impl SharedPool {
         self.lock().as_ref().map_or(0, |started| started.pool.leased_bytes())
     }
 
-    /// Starts the pool with the frames of `plan`, or sets those that it has to it.
+    /// Starts the pool with the frames of `plan`, or sets those that it has to it. Frames that find no room, since
+    /// somebody else holds some, come with what is planned next.
     ///
     /// # Errors
-    /// Those of [`PagePool::open`] and [`PagePool::set_limit`].
+    /// Those of [`PagePool::open`]; those of [`PagePool::set_limit`] where frames are to go.
     pub(crate) fn fit(&self, plan: &MemoryPlan, source: &PoolSource<'_>) -> Result<()> {
         let mut started = self.lock();
         if let Some(started) = &mut *started {
             started.planned_bytes = started.frames_bytes(plan);
-            return started.pool.set_limit(started.planned_bytes).map(drop);
+            let (planned, held) = (started.planned_bytes, started.held_bytes());
+            let fitted = started.pool.set_limit(planned).map(drop);
+            return fitted.or_else(|error| if planned > held { Ok(()) } else { Err(error) });
         }
         let PoolSource { file, path, budget, io } = *source;
         let options = plan.pool_options(io);

@@ -94,7 +94,10 @@ impl Model {
             },
             stop: shown.stop,
         };
-        trex_view::serve(session, listener, options, &around)
+        let served = trex_view::serve(session, listener, options, &around);
+        // A limit that a page has set goes with it.
+        self.restore_limit();
+        served
     }
 
     /// What a picture in pages needs of memory.
@@ -108,7 +111,7 @@ impl Model {
         let file = self.file();
         ModelFigures {
             triangle_count: file.superblock().triangle_count,
-            file_bytes: std::fs::metadata(file.path()).map_or(0, |metadata| metadata.len()),
+            file_bytes: file.superblock().file_bytes,
             page_count: file.pages().len() as u64,
             material_count: file.materials().len() as u64,
         }

@@ -278,6 +278,23 @@ fn a_picture_takes_the_place_of_another_or_leaves_all_as_it_was() {
     assert!(model.budget().peak_bytes() <= swap.limit_bytes - RESERVE_BYTES);
 }
 
+/// A viewer ended when frames that a screenshot had taken were to come back while somebody else held their memory.
+#[test]
+fn frames_that_find_no_room_come_later() {
+    let swap = Swap::new();
+    let (large, small, model) = (swap.to_large, swap.to_small, &swap.model);
+    let before = swap.frames();
+    model.make_room(&[large]).unwrap();
+    let fewer = swap.frames();
+    assert!(fewer < before, "{fewer} of {before} frames");
+    let others = model.budget().lease("others", model.budget().free_bytes()).unwrap();
+    model.make_room(&[small]).unwrap();
+    assert_eq!(swap.frames(), fewer);
+    drop(others);
+    model.make_room(&[small]).unwrap();
+    assert_eq!(swap.frames(), before);
+}
+
 /// `exchange` had taken frames away for the larger picture; before that was leased, `make_room` of another thread
 /// gave its bytes to frames again, and the larger picture was refused under a limit that has room for it. Sessions
 /// took turns, the others did not.
@@ -332,8 +349,13 @@ fn damage_is_told_or_left_out_as_asked() {
     let model = Model::open(&path, &options(96)).unwrap();
     assert_eq!(model.intersect(&rays, &Interrupt::default()).unwrap_err().code(), Code::Damaged);
     assert_eq!(model.damage()[0].0, page);
+    let mut scene = Scene::default();
+    (scene.render.resolution, scene.render.spp) = ([32, 32], 1);
+    let rendered = |model: &Model| model.render(&scene, &Interrupt::default(), &|_| {}).map(drop);
+    assert_eq!(rendered(&model).unwrap_err().code(), Code::Damaged);
     let left_out = OpenOptions { damage: DamagePolicy::LeaveOut, ..options(96) };
     let model = Model::open(&path, &left_out).unwrap();
     let hits = model.intersect(&rays, &Interrupt::default()).unwrap();
     assert!(hits.iter().flatten().all(|hit| hit.page != page) && hits.iter().flatten().count() > 100);
+    rendered(&model).unwrap();
 }

@@ -43,6 +43,17 @@ impl NativeLive {
                 .next("begin another")),
         }
     }
+
+    /// The index of a material.
+    fn material(&self, name: &str) -> Result<usize> {
+        let file = self.model.file();
+        file.material_names().index_of(name).ok_or_else(|| {
+            Error::new(Code::SceneFormat, "the model has no such material")
+                .at_place(format!("material {name:?}"))
+                .numbers(format!("{} materials", file.materials().len()))
+                .next("list the materials of the model")
+        })
+    }
 }
 
 #[pymethods]
@@ -60,20 +71,20 @@ impl NativeLive {
         spp: u32,
         mut shown: PyReadwriteArray3<'_, f32>,
     ) -> PyResult<&'static str> {
-        let progress = detached::run(py, None, |work| {
-            self.with(|session| Ok(session.frame(spp, &|| work.interrupt.is_raised()).progress))
-        })?;
         let mut shown = shown.as_array_mut();
-        let written = self.with(|session| {
-            for (y, mut row) in shown.outer_iter_mut().enumerate() {
-                for (x, mut place) in row.outer_iter_mut().enumerate() {
-                    let radiance = session.shown([x as u32, y as u32]);
-                    place.iter_mut().zip(radiance).for_each(|(place, x)| *place = x);
+        let progress = detached::run(py, None, |work| {
+            self.with(|session| {
+                let progress = session.frame(spp, &|| work.interrupt.is_raised()).progress;
+                self.model.check_damage()?;
+                for (y, mut row) in shown.outer_iter_mut().enumerate() {
+                    for (x, mut place) in row.outer_iter_mut().enumerate() {
+                        let radiance = session.shown([x as u32, y as u32]);
+                        place.iter_mut().zip(radiance).for_each(|(place, x)| *place = x);
+                    }
                 }
-            }
-            Ok(())
-        });
-        raised(py, written)?;
+                Ok(progress)
+            })
+        })?;
         Ok(match progress {
             FrameProgress::PreviewPart | FrameProgress::Preview => "preview",
             FrameProgress::Part => "part",
@@ -89,6 +100,10 @@ impl NativeLive {
         let is_named = |name: &str| named.iter().any(|given| given == name);
         detached::run(py, None, |_| {
             self.with(|session| {
+                // What the model has not is refused before anything changes.
+                let parts = is_named("parts").then(|| scene.parts.parts(session.model())).transpose()?;
+                let materials = scene.materials.iter().map(|(name, edit)| Ok((self.material(name)?, *edit)));
+                let materials = materials.collect::<Result<Vec<_>>>()?;
                 if is_named("camera") {
                     let camera = scene.camera.camera(session.model(), &session.view().settings);
                     session.apply(Event::Camera(camera))?;
@@ -96,20 +111,12 @@ impl NativeLive {
                 if is_named("light") {
                     session.apply(Event::Lights(scene.lights.clone()))?;
                 }
-                if is_named("parts") {
-                    let parts = Arc::new(scene.parts.parts(session.model())?);
-                    self.model.show_parts(session, &parts)?;
+                if let Some(parts) = parts {
+                    self.model.show_parts(session, &Arc::new(parts))?;
                 }
-                for (name, edit) in &scene.materials {
-                    let index = self.model.file().material_names().index_of(name).ok_or_else(|| {
-                        Error::new(Code::SceneFormat, "the model has no such material")
-                            .at_place(format!("material {name:?}"))
-                            .numbers(format!("{} materials", self.model.file().materials().len()))
-                            .next("list the materials of the model")
-                    })?;
-                    session.apply(Event::Material { index, edit: *edit })?;
-                }
-                Ok(())
+                materials
+                    .into_iter()
+                    .try_for_each(|(index, edit)| session.apply(Event::Material { index, edit }))
             })
         })
     }

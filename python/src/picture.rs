@@ -69,6 +69,7 @@ pub(crate) fn render<'py>(
             ControlFlow::Continue(())
         });
         work.interrupt.check()?;
+        model.check_damage()?;
         session.smooth()?;
         Ok(session)
     })?;

@@ -47,7 +47,7 @@ def test_progress_is_heard_and_its_exception_ends_the_work(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.trex"]
 
 
-def test_damage_is_an_answer_of_verify_and_an_exception_of_rays(sphere_file, tmp_path):
+def test_damage_is_an_answer_of_verify_and_an_exception_of_rays_and_pictures(sphere_file, tmp_path):
     assert trex.verify(sphere_file, level="deep")["verdict"] == "clean"
     damaged = tmp_path / "damaged.trex"
     content = bytearray(sphere_file.read_bytes())
@@ -59,6 +59,11 @@ def test_damage_is_an_answer_of_verify_and_an_exception_of_rays(sphere_file, tmp
     assert found["damage"][0]["bounds"]["lo"] == trex.info(sphere_file)["bounds"]["lo"]
     with trex.open(damaged) as model, pytest.raises(trex.errors.DamagedError):
         model.intersect([0, 0, 5], [0, 0, -1])
+    with trex.open(damaged) as model, pytest.raises(trex.errors.DamagedError):
+        model.render(resolution=(64, 64), spp=1)
+    with trex.open(damaged) as model, model.live(resolution=(64, 64)) as live, pytest.raises(trex.errors.DamagedError):
+        for _ in live.frames(spp=1):
+            pass
 
 
 def test_what_is_no_argument_is_refused(sphere_file, tmp_path):

@@ -41,8 +41,9 @@ def test_colours_become_materials(tmp_path):
     colours[box.face_normals[:, 2] > 0.5] = [255, 0, 0]
     trex.build([(box.vertices, box.faces, colours)], tmp_path / "bytes.trex", voxels=False)
     trex.build([(box.vertices, box.faces, (colours / 255.0))], tmp_path / "floats.trex", voxels=False)
+    trex.build([(box.vertices, box.faces, colours.tolist())], tmp_path / "whole.trex", voxels=False)
     light = {"type": "directional", "direction": [0, 0, -1], "irradiance": [np.pi] * 3}
-    for name in ("bytes.trex", "floats.trex"):
+    for name in ("bytes.trex", "floats.trex", "whole.trex"):
         with trex.open(tmp_path / name) as model:
             assert sorted(model.materials[1:]) == ["#000000", "#ff0000"]
             hits = model.intersect([[0.1, 0.2, 5], [0.1, 0.2, -5]], [[0, 0, -1], [0, 0, 1]])
@@ -54,6 +55,18 @@ def test_colours_become_materials(tmp_path):
             np.testing.assert_allclose(picture[4, 4], [1, 0, 0], atol=1e-3)
 
 
+def test_faces_may_lie_apart_by_any_number_of_bytes(tmp_path):
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    rows = np.zeros(len(box.faces), np.dtype([("face", "<i8", 3), ("tag", "u1")]))
+    rows["face"] = box.faces
+    for name, faces in (("rows.trex", rows["face"]), ("other.trex", box.faces.astype(">i4")), ("plain.trex", box.faces)):
+        trex.build([(box.vertices, faces)], tmp_path / name, voxels=False)
+    pages = [(tmp_path / name).read_bytes()[4096:] for name in ("rows.trex", "other.trex", "plain.trex")]
+    assert [len(page) for page in pages] == [len(pages[0])] * 3
+    with trex.open(tmp_path / "rows.trex") as model:
+        assert np.isfinite(model.intersect([0, 0, 0], box.triangles_center).t_hit).all()
+
+
 def test_what_is_no_mesh_is_refused_and_leaves_nothing(tmp_path):
     vertices, faces = np.eye(3), [[0, 1, 2]]
     for kind, mesh in (
@@ -63,6 +76,7 @@ def test_what_is_no_mesh_is_refused_and_leaves_nothing(tmp_path):
         (UsageError, (vertices[:, :2], faces)),
         (UsageError, (vertices, [[0, 1, 2, 0]])),
         (UsageError, (vertices, faces, [[1, 2]])),
+        (UsageError, (vertices, faces, [[0, 0, 256]])),
         (UsageError, (vertices,)),
         (UsageError, 17),
         (InputEmptyError, (vertices, np.empty((0, 3), int))),

@@ -99,6 +99,9 @@ def mesh_arrays(mesh: Mesh, number: int) -> tuple[NDArray[np.float64], NDArray[n
         numbers = f"{type(mesh).__name__}" + (f" of {len(mesh)}" if isinstance(mesh, (tuple, list)) else "")
         raise UsageError("this is no mesh", where, numbers, "give (vertices, faces) or (vertices, faces, colors)")
     vertices, faces = _native(mesh[0], where).astype(np.float64, copy=False), np.asarray(mesh[1])
+    if not (faces.flags.aligned and faces.dtype.isnative):
+        # Its rows may lie apart by no whole number of indices.
+        faces = faces.astype(faces.dtype.newbyteorder("="))
     for array, name in ((vertices, "vertices"), (faces, "faces")):
         if array.size == 0:
             continue
@@ -113,7 +116,13 @@ def mesh_arrays(mesh: Mesh, number: int) -> tuple[NDArray[np.float64], NDArray[n
     if colors.shape != faces.shape:
         numbers = f"shape {colors.shape}, faces {faces.shape}"
         raise UsageError("there is not one colour a face", where, numbers, "give shape (F, 3)")
-    if colors.dtype != np.uint8:
+    if np.issubdtype(colors.dtype, np.integer):
+        outside = (colors < 0) | (colors > 255)
+        if outside.any():
+            numbers = f"{colors[outside][0]}"
+            raise UsageError("this is no colour", where, numbers, "give whole numbers up to 255, or floats up to 1")
+        colors = colors.astype(np.uint8)
+    else:
         # Floats are reflectance; the library takes 8 bits of sRGB, as most colours come.
         linear = np.clip(colors.astype(np.float64), 0, 1)
         srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1 / 2.4) - 0.055)
