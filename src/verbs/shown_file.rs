@@ -92,9 +92,10 @@ impl ShownInput {
             self.is_ours.set(true);
             self.is_outdated.set(false);
         }
-        // A build writes a scene where its input has a camera or lights.
+        // A build writes a scene where its input has a camera or lights; beside what was named another may stand.
         let scene = self.file.with_extension("toml");
-        let has_scene = !self.inputs.is_empty() && args.output.is_none() && scene.is_file();
+        let is_of_it = || args.output.is_none() || is_scene_of(&scene, &self.file);
+        let has_scene = !self.inputs.is_empty() && scene.is_file() && is_of_it();
         Ok(if has_scene { scene } else { self.file.clone() })
     }
 
@@ -166,6 +167,12 @@ fn is_current(output: &Path, input: &Input) -> bool {
         Input::File(mesh) => changed(output).is_ok_and(|built| changed(mesh).is_ok_and(|mesh| built >= mesh)),
     };
     is_newer && PageFile::superblock_of(output).is_ok()
+}
+
+/// True when `scene` is one of the page file `file`.
+fn is_scene_of(scene: &Path, file: &Path) -> bool {
+    let whole = |path: &Path| path.canonicalize().ok();
+    open_scene(scene).is_ok_and(|(_, model)| whole(&model).is_some_and(|model| Some(model) == whole(file)))
 }
 
 fn build_first(

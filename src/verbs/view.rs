@@ -123,7 +123,11 @@ impl Viewer<'_> {
         };
         let served = stage.model.show(session, &door.listener, &options, &shown)?;
         shows.count += 1;
-        shows.served = ServeReport { is_as_opened: served.is_as_opened && !is_edited, ..served.clone() };
+        shows.served = ServeReport {
+            is_as_opened: served.is_as_opened && !is_edited,
+            are_parts_edited: served.are_parts_edited || shows.served.are_parts_edited,
+            ..served.clone()
+        };
         if !ctx.interrupt.is_raised() {
             door.listen_again()?;
         }
@@ -166,8 +170,7 @@ impl Viewer<'_> {
         // Pages are sent the samples themselves while the hand moves.
         let frames = FrameOptions { fills_while_moving: false, ..args.deadline.options(t_max) };
         let options = door.options(frames, follows_page);
-        let again =
-            before.scene.as_deref().and_then(|text| seen_again(text, &scene, &path, before.is_as_opened));
+        let again = seen_again(before, &scene, &path);
         let is_edited = again.is_some() && !before.is_as_opened;
         let session_scene = again.as_ref().unwrap_or(&scene);
         let opened = open_stage(args, follows_page, session_scene.clone(), &path, ctx);
@@ -218,14 +221,15 @@ impl Viewer<'_> {
     }
 }
 
-/// The scene that was on show, `text`, on the model at `path` as it is now: where lights and materials were those of
-/// the file, they are those of `scene`, which has been read again.
-fn seen_again(text: &str, scene: &Scene, path: &Path, is_as_opened: bool) -> Option<Scene> {
-    let seen = Scene::parse(text, path).ok()?;
-    if !is_as_opened {
+/// The scene that was on show `before`, on the model at `path` as it is now: where lights and materials were those of
+/// the file, or sections and hidden materials were, they are those of `scene`, which has been read again.
+fn seen_again(before: &ServeReport, scene: &Scene, path: &Path) -> Option<Scene> {
+    let seen = Scene::parse(before.scene.as_deref()?, path).ok()?;
+    if !before.is_as_opened {
         return Some(seen);
     }
-    Some(Scene { camera: seen.camera, render: seen.render, given: seen.given, ..scene.clone() })
+    let parts = if before.are_parts_edited { seen.parts } else { scene.parts.clone() };
+    Some(Scene { camera: seen.camera, render: seen.render, given: seen.given, parts, ..scene.clone() })
 }
 
 /// True when the picture is to be as large as the page.

@@ -4,6 +4,7 @@
 use crate::cgroup::Cgroup;
 use crate::command::{document_in, folder, listing, run_in, said};
 use crate::support::{build_options, build_source, source};
+use crate::view::ViewProcess;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -257,6 +258,31 @@ fn camera_and_lights_go_beside_the_output_and_over_nothing() {
     let odd = run_in(inside.path(), "build m.gltf -o k.toml");
     odd.expect(0);
     assert!(odd.stderr.contains("k.toml is there"), "{}", odd.stderr);
+}
+
+/// They were shown of a page file beside its mesh alone. What stands beside one that was named may be of another.
+#[test]
+fn a_viewer_shows_camera_and_lights_wherever_it_builds() {
+    let inside = folder();
+    with_scene(inside.path(), "m");
+    document_in(inside.path(), "build m.gltf -o k.trex");
+    fs::remove_file(inside.path().join("k.toml")).unwrap();
+    let lights = |line: &str| {
+        let viewing =
+            ViewProcess::start(inside.path(), &format!("{line} --quiet --spp 1 --memory-limit 256MiB"));
+        let (welcome, _) = viewing.told_after_waits(|text| text["type"] == "welcome");
+        viewing.end().expect(0);
+        welcome["lights"].as_array().unwrap().len()
+    };
+    let framed = lights("k.trex");
+    assert_eq!([lights("m.gltf"), lights("m.gltf -o n.trex"), lights("m.gltf -o n.trex")], [3; 3]);
+    assert_ne!(framed, 3);
+    fs::write(
+        inside.path().join("other.toml"),
+        "model = 'n.trex'\n[[light]]\ntype = 'sky'\nradiance = [1, 1, 1]\n",
+    )
+    .unwrap();
+    assert_eq!(lights("m.gltf -o other.trex"), framed);
 }
 
 /// The rule of OBJ's libraries holds for buffers: none is replaced by the model that is made of it.

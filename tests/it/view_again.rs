@@ -141,6 +141,61 @@ fn a_mistake_in_a_scene_is_waited_for() {
     assert_eq!(ran.document()["shows"], 2);
 }
 
+/// With a section, or a hidden material, nothing of a scene's file was seen again.
+#[test]
+fn lights_of_a_scene_count_beside_sections() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:10k -o m.trex");
+    let write = |bright: u32, parts: &str| {
+        let light = format!("[[light]]\ntype = 'sky'\nradiance = [{bright}, 0, 0]\n");
+        std::fs::write(inside.path().join("s.toml"), format!("model = 'm.trex'\n{light}{parts}")).unwrap();
+    };
+    let cut = |height: f64| format!("[parts]\nsection = [[0.5, 0.5, {height}, 0.0, 0.0, -1.0]]\n");
+    write(1, &cut(0.5));
+    let viewing = ViewProcess::start(inside.path(), "s.toml --quiet --spp 1 --watch --memory-limit 256MiB");
+    let seen = |welcome: &Value| {
+        let heights = welcome["parts"]["section"].as_array().unwrap().iter().map(|plane| plane[2].clone());
+        (welcome["lights"][0]["radiance"][0].clone(), heights.collect::<Vec<_>>())
+    };
+    assert_eq!(seen(&welcome_after_waits(&viewing).0), (json!(1.0), vec![json!(0.5)]));
+    // Sections of the file count as its lights do.
+    let mut page = driver(&viewing);
+    write(2, &cut(0.25));
+    while page.read().is_ok() {}
+    assert_eq!(seen(&welcome_after_waits(&viewing).0), (json!(2.0), vec![json!(0.25)]));
+    // Those of the page stay, and lights are still the file's.
+    let mut page = driver(&viewing);
+    let section = json!([[0.5, 0.5, 0.75, 0.0, 0.0, -1.0]]);
+    say(&mut page, &json!({"type": "parts", "seq": 1, "parts": {"section": section}}));
+    text_until(&mut page, |text| text["parts"]["section"][0][2] == json!(0.75));
+    write(3, "");
+    while page.read().is_ok() {}
+    assert_eq!(seen(&welcome_after_waits(&viewing).0), (json!(3.0), vec![json!(0.75)]));
+    viewing.end().expect(0);
+}
+
+/// What waits for a screenshot is done at once: the camera of before was told with the settings that came with the new
+/// one, and the hand's page went back to it.
+#[test]
+fn settings_are_told_with_the_camera_that_came_with_them() {
+    let inside = folder();
+    document_in(inside.path(), "build gen:isosurface:10k -o m.trex");
+    let viewing = ViewProcess::start(inside.path(), "m.trex --quiet --spp 1 --memory-limit 256MiB");
+    welcome_after_waits(&viewing);
+    let mut page = driver(&viewing);
+    say(&mut page, &json!({"type": "screenshot", "id": 1, "format": "png", "size": [320, 240], "spp": 16}));
+    text_until(&mut page, |text| text["type"] == "progress");
+    let camera = json!({
+        "type": "camera", "seq": 2, "position": [3.0, 2.5, 2.0], "target": [0.5, 0.5, 0.5], "up": [0.0, 0.0, 1.0],
+        "fov_y": 40.0
+    });
+    say(&mut page, &json!({"type": "settings", "seq": 1, "settings": {"exposure": 2.0}}));
+    say(&mut page, &camera);
+    let told = text_until(&mut page, |text| text["settings"]["exposure"] == json!(2.0));
+    assert_eq!((&told["camera"]["position"], &told["seq"]), (&camera["position"], &json!(2)), "{told}");
+    viewing.end().expect(0);
+}
+
 #[test]
 fn what_does_not_change_is_not_watched() {
     let inside = folder();

@@ -132,7 +132,7 @@ class App {
     // More than a message holds are not sent.
     this.state.lights ??= [];
     if (is_camera(values.camera)) {
-      this.take_camera(values.camera, is_welcome);
+      this.take_camera(values.camera, seq, is_welcome);
     }
     keys.forEach((key) => this.tell(key, this.state[key]));
     if (is_welcome) {
@@ -151,8 +151,8 @@ class App {
   }
 
   /** A camera that the server says. The hand's own is newer while this page drives. */
-  take_camera(camera, is_welcome) {
-    const is_newer_here = this.input.is_busy || this.camera_waits;
+  take_camera(camera, seq, is_welcome) {
+    const is_newer_here = this.input.is_busy || this.camera_waits || seq < this.sent.at(-1)?.seq;
     if (is_welcome || this.state.role !== "drive" || !is_newer_here) {
       this.camera = camera;
       this.shown_camera = camera;

@@ -188,6 +188,10 @@ export class Parts {
     const hit = await app.pick(width / 2, height / 2);
     const { lo, hi } = app.state.bounds;
     const point = hit?.position ?? middle(lo, hi);
+    if (this.parts.section.length >= SECTIONS_MAX) {
+      // Another one came while the model was asked.
+      return;
+    }
     this.put(this.parts.section.length, [...point, ...nearest_axis(frame(app.camera).forward)]);
     this.panels.rebuild();
   }

@@ -28,7 +28,7 @@ export class Settings {
   constructor(app) {
     this.app = app;
     this.moving = "0";
-    this.before_debug = "photon";
+    this.before_debug = { integrator: "photon" };
     this.share = 0.6;
     this.under = document.getElementById("under");
     // The picture below is of the view that it was kept in.
@@ -53,12 +53,15 @@ export class Settings {
   }
 
   integrator(name) {
-    if (!is_debug(this.now.integrator)) {
-      this.before_debug = this.now.integrator ?? this.before_debug;
+    const { integrator, filter, bake, caustics } = this.now;
+    const was_debug = is_debug(integrator);
+    // What it has no use for the server turns off.
+    const back = was_debug && name === this.before_debug.integrator ? this.before_debug : { integrator: name };
+    if (!was_debug) {
+      this.before_debug = { integrator, filter, bake, caustics };
     }
     this.lay_over(name);
-    // What it has no use for the server turns off.
-    this.set({ integrator: name });
+    this.set(back);
     this.app.panels.rebuild();
   }
 
@@ -75,7 +78,7 @@ export class Settings {
   /** The next debug view; after the last one the picture again. */
   next_debug() {
     const at = DEBUG_KEYS.indexOf(this.now.integrator);
-    const name = DEBUG_KEYS[at + 1] ?? this.before_debug;
+    const name = DEBUG_KEYS[at + 1] ?? this.before_debug.integrator;
     this.integrator(name);
     this.app.panels.say(this.app.key("integrator").choices.find((choice) => choice.name === name)?.title ?? name);
   }
@@ -86,11 +89,11 @@ export class Settings {
   }
 
   light() {
-    const { integrator } = this.now;
+    const { now: { integrator }, before_debug: before } = this;
     const { title, choices, text } = this.app.key("integrator");
     const lamps = this.app.key("light");
     const debug = choices.filter(({ name }) => is_debug(name)).map((choice) =>
-      button(choice.title, () => this.integrator(integrator === choice.name ? this.before_debug : choice.name),
+      button(choice.title, () => this.integrator(integrator === choice.name ? before.integrator : choice.name),
         { "aria-pressed": String(integrator === choice.name), title: choice.text }));
     const methods = pairs(choices.filter(({ name }) => !is_debug(name)));
     const blend = (share) => {
@@ -100,7 +103,7 @@ export class Settings {
       }
     };
     return [
-      choice_row(title, is_debug(integrator) ? this.before_debug : integrator, methods,
+      choice_row(title, is_debug(integrator) ? before.integrator : integrator, methods,
         (name) => this.integrator(name), text),
       lamps.methods.includes(integrator)
         ? choice_row(lamps.title, this.now.light, pairs(lamps.choices), (light) => this.set({ light }), lamps.text)

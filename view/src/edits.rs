@@ -53,6 +53,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             t_max_ms: Some(self.options.frames.t_max.as_secs_f64() * 1e3),
             memory: Some(LimitText { limit_bytes: self.around.budget.limit_bytes() }),
             material_count: Some(model.materials.len()),
+            damage: Some((self.around.damage)()),
             texts: Some(self.texts()),
             ..self.whole_state()
         };
@@ -79,13 +80,24 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
     /// # Errors
     /// The session cannot go on.
     pub(crate) fn apply_mail(&mut self, mail: Mail) -> Result<()> {
-        let Mail { camera, size, limit_bytes, edits, questions, shot, seq, rest, roles, since } = mail;
+        let Mail { camera, size, limit_bytes, edits, questions, shot, seq, author, rest, roles, since } =
+            mail;
         self.seq = seq.unwrap_or(self.seq);
+        self.author = author;
         if let Some(bytes) = limit_bytes {
             self.set_limit(bytes);
         }
         // What was asked for may fit under another limit.
         let asked = self.smaller.filter(|_| limit_bytes.is_some()).map(|smaller| smaller.asked);
+        // Before what tells the camera with other things: it would be the one of before.
+        if let Some(camera) = camera {
+            let changed = self
+                .session_mut()
+                .apply(Event::Camera(camera.camera()))
+                .map(|()| State { camera: Some(camera), ..State::default() });
+            self.motion.event();
+            self.publish_change(changed, since);
+        }
         if let Some(size) = size.or(asked).filter(|_| self.options.follows_page) {
             let changed = self.set_size(fitting(size));
             self.publish_change(changed, since);
@@ -99,14 +111,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             }
             self.publish_change(changed, since);
         }
-        if let Some(camera) = camera {
-            let changed = self
-                .session_mut()
-                .apply(Event::Camera(camera.camera()))
-                .map(|()| State { camera: Some(camera), ..State::default() });
-            self.motion.event();
-            self.publish_change(changed, since);
-        }
+        self.author = None;
         if rest {
             self.motion.rest();
         }
@@ -173,6 +178,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let shown = exchange(meanwhile, &mut || self.session_mut().apply(Event::Parts(parts.clone())));
         self.fit_light_on_show();
         shown?;
+        self.are_parts_edited = true;
         // What was for the change alone is for frames of pages again.
         self.make_room(&[after])?;
         Ok(State { parts: Some(PartsText::of(&parts, material_count)), ..State::default() })
@@ -261,31 +267,33 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         changed
     }
 
-    /// Tells who watches what has changed; or who drives that it has not.
+    /// Tells all but its author what has changed; or the author that it has not.
     fn publish_change(&mut self, changed: Result<State>, since: Option<std::time::Instant>) {
         match changed {
             Ok(update) => {
                 if !update.is_empty() {
                     self.figures.event(since);
                     self.restart_picture();
-                    // Who drives knows, but not what the renderer makes of it.
+                    // The author knows, but not what the renderer makes of it.
                     let knows = update.camera.is_some() && update.size.is_none();
-                    let driver = self.shared.mailbox.driver().filter(|_| knows || update.lights.is_some());
-                    self.shared.send_state(State { seq: Some(self.seq), ..update }, driver);
+                    let author = self.author.filter(|_| knows || update.lights.is_some());
+                    self.shared.send_state(State { seq: Some(self.seq), ..update }, author);
                 }
             }
             Err(error) => {
                 self.send_error(&error);
                 let update = State { seq: Some(self.seq), ..self.whole_state() };
                 self.shared.send_state(update, None);
+                // What comes of the same mail is newer than that.
+                self.author = None;
             }
         }
     }
 
-    /// Tells who drives what went wrong.
+    /// Tells who asked for it what went wrong, or else who drives.
     pub(crate) fn send_error(&self, error: &Error) {
-        if let Some(driver) = self.shared.mailbox.driver() {
-            self.shared.send_text(driver, || text_of(&Notice::error(error)));
+        if let Some(client) = self.author.or_else(|| self.shared.mailbox.driver()) {
+            self.shared.send_text(client, || text_of(&Notice::error(error)));
         }
     }
 

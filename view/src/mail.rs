@@ -71,6 +71,8 @@ pub(crate) struct Mail {
     pub(crate) shot: Option<Shot>,
     /// The last event of the driver.
     pub(crate) seq: Option<u32>,
+    /// Who has sent the events; `None` where several have, one after the other.
+    pub(crate) author: Option<ClientId>,
     pub(crate) rest: bool,
     /// Clients have come or gone, or another drives.
     pub(crate) roles: bool,
@@ -93,8 +95,8 @@ pub(crate) enum PostOutcome {
 }
 
 impl Mail {
-    /// Adds an event of the one who drives.
-    pub(crate) fn add_event(&mut self, message: FromClient) -> PostOutcome {
+    /// Adds an event of `client`, who drives.
+    pub(crate) fn add_event(&mut self, client: ClientId, message: FromClient) -> PostOutcome {
         let (seq, posted) = match message {
             FromClient::Camera { seq, position, target, up, fov_y } => {
                 self.camera = Some(CameraText { position, target, up, fov_y });
@@ -128,8 +130,10 @@ impl Mail {
             }
             FromClient::Screenshot { .. } | FromClient::Cancel { .. } => (None, PostOutcome::Accepted),
         };
-        if posted == PostOutcome::Accepted {
-            self.seq = seq.or(self.seq);
+        if posted == PostOutcome::Accepted && seq.is_some() {
+            let is_first = self.seq.is_none();
+            self.author = Some(client).filter(|_| is_first || self.author == Some(client));
+            self.seq = seq;
         }
         posted
     }

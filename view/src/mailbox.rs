@@ -114,7 +114,7 @@ impl Mailbox {
             }
             FromClient::Scene { id } => inner.mail.ask(client, Question::Scene(id)),
             _ if !drives => PostOutcome::Watching,
-            message => inner.mail.add_event(message),
+            message => inner.mail.add_event(client, message),
         };
         if posted == PostOutcome::Accepted {
             self.ring(inner);
@@ -243,6 +243,28 @@ mod tests {
         // What was asked by who has gone is for nobody.
         mailbox.leave(1);
         assert!(mailbox.collect().shot.is_none() && !mailbox.has_event());
+    }
+
+    /// Who took the wheel was taken for the one who had edited before, and was not told.
+    #[test]
+    fn who_sent_what_waits_is_known() {
+        let mailbox = Mailbox::default();
+        mailbox.join(1, [64, 64]);
+        assert_eq!(mailbox.collect().author, None, "a size of nobody's");
+        mailbox.post(1, material(1));
+        mailbox.leave(1);
+        mailbox.join(2, [64, 64]);
+        assert_eq!(mailbox.driver(), Some(2));
+        assert_eq!(mailbox.collect().author, Some(1));
+        mailbox.post(2, material(1));
+        mailbox.post(2, camera(2));
+        assert_eq!(mailbox.collect().author, Some(2));
+        mailbox.post(2, camera(3));
+        mailbox.leave(2);
+        mailbox.join(3, [64, 64]);
+        mailbox.post(3, material(1));
+        mailbox.post(3, material(2));
+        assert_eq!(mailbox.collect().author, None, "of two");
     }
 
     /// The lights of 64 messages that alternated with other edits waited all at once: megabytes that nobody had leased.

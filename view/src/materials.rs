@@ -11,7 +11,7 @@
 use crate::wire::LIST_MAX;
 use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use trex_render::{Model, View};
+use trex_render::Model;
 use trex_store::Material;
 use trex_store::layout::MATERIAL_NAME_BYTES;
 
@@ -29,11 +29,6 @@ pub(crate) struct MaterialText {
     ke: [f32; 3],
     mirror: bool,
     emits: bool,
-}
-
-/// What the materials come to; `None` where parts of the model are left out.
-pub(crate) fn fingerprint_of_whole(view: &View, model: &Model) -> Option<u64> {
-    view.parts.is_whole().then(|| fingerprint(&model.materials))
 }
 
 /// The part of the list that a page asks for.
@@ -100,7 +95,7 @@ pub(crate) fn list(model: &Model, wish: &ListWish) -> ListText {
 }
 
 /// A number that is another one when a material is edited, but for a chance of 2^-64.
-fn fingerprint(materials: &[Material]) -> u64 {
+pub(crate) fn fingerprint(materials: &[Material]) -> u64 {
     let mut hasher = DefaultHasher::new();
     for Material { kd, ks, ns, ke, mirror, .. } in materials {
         (kd.map(f32::to_bits), ks.map(f32::to_bits), ns.to_bits()).hash(&mut hasher);

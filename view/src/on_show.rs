@@ -2,7 +2,7 @@
 //!
 //! Invariant: a text is of the view at that moment, with every event that was applied.
 
-use crate::materials::fingerprint_of_whole;
+use crate::materials::fingerprint;
 use crate::session_loop::SessionLoop;
 use crate::state::TextsText;
 use crate::surroundings::{Recipe, ServeReport};
@@ -42,16 +42,26 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         ServeReport {
             events: self.figures.events,
             scene: Some(texts::scene(&sources, texts::scene_bytes(&sources))),
-            is_as_opened: matches!(self.recipe(), Recipe::Opened { .. }),
+            is_as_opened: self.is_lit_as_opened(),
+            are_parts_edited: self.are_parts_edited,
             ..self.served.clone()
         }
+    }
+
+    /// True when lights and materials are those of what was opened.
+    fn is_lit_as_opened(&self) -> bool {
+        let session = self.session();
+        session.view().lights == self.input_lights
+            && fingerprint(&session.model().materials) == self.input_fingerprint
     }
 
     /// What makes the picture on show.
     fn recipe(&self) -> Recipe<'_> {
         let view = self.session().view();
-        let now = fingerprint_of_whole(view, self.session().model());
-        let is_opened = view.lights == self.input_lights && now.is_some() && now == self.input_fingerprint;
-        if is_opened { Recipe::Opened { camera: &view.camera, keys: &view.settings } } else { Recipe::Saved }
+        if self.is_lit_as_opened() && self.was_whole && view.parts.is_whole() {
+            Recipe::Opened { camera: &view.camera, keys: &view.settings }
+        } else {
+            Recipe::Saved
+        }
     }
 }

@@ -156,8 +156,8 @@ struct SendCounts {
 struct Debt {
     /// When the first bytes went since it was heard.
     since: Option<Instant>,
-    /// A ping has gone for it.
-    has_asked: bool,
+    /// When a ping went for it.
+    asked: Option<Instant>,
     longest: Duration,
 }
 
@@ -191,7 +191,7 @@ impl Outbox {
             pong: None,
             close: None,
             sent: SendCounts { bytes: 0, frames: 0, before: (0, 0), at: Instant::now() },
-            debt: Debt { since: None, has_asked: false, longest: silence_max },
+            debt: Debt { since: None, asked: None, longest: silence_max },
         }
     }
 
@@ -277,7 +277,7 @@ impl Outbox {
 
     /// Notes that the page was heard.
     pub(crate) fn hear(&mut self) {
-        (self.debt.since, self.debt.has_asked) = (None, false);
+        (self.debt.since, self.debt.asked) = (None, None);
     }
 
     /// Learns that a frame has been drawn.
@@ -311,18 +311,23 @@ impl Outbox {
 }
 
 impl Debt {
+    /// True when the other half of the time has passed since it was asked: a file may have taken all of it.
     fn is_unpaid(&self, now: Instant) -> bool {
-        self.since.is_some_and(|since| now.saturating_duration_since(since) >= self.longest)
+        self.asked.is_some_and(|asked| now.saturating_duration_since(asked) >= self.longest / 2)
     }
 
     /// True once for each debt, when half of the time has passed.
     fn asks(&mut self, now: Instant) -> bool {
         let is_due = self.since.is_some_and(|since| now.saturating_duration_since(since) >= self.longest / 2);
-        is_due && !std::mem::replace(&mut self.has_asked, is_due)
+        let asks = is_due && self.asked.is_none();
+        if asks {
+            self.asked = Some(now);
+        }
+        asks
     }
 
     fn wakes_at(&self) -> Option<Instant> {
-        Some(self.since? + if self.has_asked { self.longest } else { self.longest / 2 })
+        Some(self.asked.or(self.since)? + self.longest / 2)
     }
 }
 
@@ -365,7 +370,10 @@ mod tests {
         outbox.hear();
         assert!(outbox.next(start + 10 * SILENCE).is_none() && outbox.wakes_at().is_none());
         outbox.count_sent(2, start + SILENCE);
-        assert!(matches!(outbox.next(start + 2 * SILENCE), Some(Next::Close(close::POLICY))));
+        // A file took all of that time to be written.
+        assert!(matches!(outbox.next(start + 3 * SILENCE), Some(Next::Ping)));
+        assert!(outbox.next(start + 3 * SILENCE + SILENCE / 3).is_none());
+        assert!(matches!(outbox.next(start + 3 * SILENCE + SILENCE / 2), Some(Next::Close(close::POLICY))));
     }
 
     /// The bytes of a text count until it has been written, and a single one has no way past the bound.

@@ -14,7 +14,8 @@
 
 use crate::bounded::BoundedWriter;
 use crate::figures::Figures;
-use crate::materials::fingerprint_of_whole;
+use crate::mail::ClientId;
+use crate::materials::fingerprint;
 use crate::motion::Motion;
 use crate::outbox::FileBytes;
 use crate::picture::{BlockChanges, Picture, SettledPng};
@@ -51,10 +52,15 @@ pub(crate) struct SessionLoop<'a, T> {
     pub(crate) served: ServeReport,
     /// The driver's last event.
     pub(crate) seq: u32,
+    /// Who has sent what is being done; `None` where nobody or several have.
+    pub(crate) author: Option<ClientId>,
     /// Lights of the file that was opened, and what its materials come to.
     pub(crate) input_lights: Vec<Light>,
-    /// `None` where parts of the model are left out.
-    pub(crate) input_fingerprint: Option<u64>,
+    pub(crate) input_fingerprint: u64,
+    /// All of the model was shown when it was opened.
+    pub(crate) was_whole: bool,
+    /// Sections or hidden materials were changed since.
+    pub(crate) are_parts_edited: bool,
     /// No frame has been made since the last event.
     is_fresh: bool,
     /// Pixels between samples of the last frame.
@@ -98,7 +104,9 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
         let mut this = SessionLoop {
             tone: Tone::new(view.settings.exposure.factor()),
             input_lights: view.lights.clone(),
-            input_fingerprint: fingerprint_of_whole(view, session.model()),
+            input_fingerprint: fingerprint(&session.model().materials),
+            was_whole: view.parts.is_whole(),
+            are_parts_edited: false,
             session: Some(session),
             shared,
             around,
@@ -107,6 +115,7 @@ impl<'a, T: PagedTracer + Send> SessionLoop<'a, T> {
             figures: Figures::new(),
             served: ServeReport::default(),
             seq: 0,
+            author: None,
             is_fresh: true,
             step: None,
             stage: PictureStage::Sampling,

@@ -139,7 +139,10 @@ pub struct ServeReport {
     /// What was on show at the end, as a scene file; `None` before.
     #[serde(skip)]
     pub scene: Option<String>,
-    /// No more than camera and settings of it are others than when it was opened.
+    /// Its lights and materials are those of what was opened.
     #[serde(skip)]
     pub is_as_opened: bool,
+    /// Its sections or hidden materials were changed since it was opened.
+    #[serde(skip)]
+    pub are_parts_edited: bool,
 }
