@@ -193,7 +193,7 @@ pub fn whole(text: &str) -> Result<u64, String> {
         Some((at, 'k' | 'K')) => (&compact[..at], 1e3),
         Some((at, 'm' | 'M')) => (&compact[..at], 1e6),
         Some((at, 'g' | 'G')) => (&compact[..at], 1e9),
-        _ => (compact.as_str(), 1.0),
+        _ => return Err(refused()),
     };
     let value = (plain_number(number).ok_or_else(refused)? * unit).round();
     if value < u64::MAX as f64 { Ok(value as u64) } else { Err(refused()) }

@@ -47,7 +47,7 @@ fn counts_have_decimal_units() {
     {
         assert_eq!(count(text), Ok(expected), "{text}");
     }
-    for text in ["", "0", "-1", "M", "5MM", "1e6", "5G", "five", "5MiB"] {
+    for text in ["", "0", "-1", "M", "5MM", "1e6", "5G", "five", "5MiB", "1.4", ".5", "1."] {
         assert!(count(text).is_err(), "{text}");
     }
     // As a float this would be 2^63.

@@ -2,6 +2,7 @@
 
 use super::build::{BuildSummary, Work, with_source};
 use super::inputs::InputList;
+use super::picture_file::PictureFile;
 use super::render::Job;
 use super::render_report::RenderReport;
 use super::stage::io_options;
@@ -42,6 +43,7 @@ pub fn run(args: &DemoArgs, ctx: &Context) -> anyhow::Result<Exit> {
             .next("end it in .png or .exr")
             .into());
     }
+    PictureFile::check(&args.output, overwrite, Layers::default(), &[&page_file])?;
 
     ctx.console.note(&format!("generating and building {} triangles", args.triangles));
     let work = Work {

@@ -2,7 +2,7 @@
 
 use super::build::UnfinishedBuilds;
 use super::input_summary::InputSummary;
-use super::inputs;
+use super::inputs::{self, InputList};
 use super::part_info::{self, PartInfo};
 use super::view::FIRST_RESOLUTION;
 use crate::args::InfoArgs;
@@ -18,7 +18,7 @@ use std::sync::Arc;
 use trex_model::{Pace, SessionOptions, set_direct_without_voxels};
 use trex_render::{MemoryPlan, PictureNeeds, Scene};
 use trex_store::build::left_over;
-use trex_store::import::{self, ImportOptions};
+use trex_store::import::{self, ImportOptions, VolumeOptions};
 use trex_store::layout::{FRAME_BYTES, MAGIC, PageKind, Superblock};
 use trex_store::printable::one_line;
 use trex_store::{Aabb, MaterialNames, PageFile, is_url, open_regular};
@@ -29,6 +29,8 @@ const NAMED: usize = 16;
 
 /// Runs `trex info`.
 pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
+    let volumes = VolumeOptions { raw: args.raw.volume(), ..VolumeOptions::default() };
+    InputList::whole(std::slice::from_ref(&args.input), &volumes).check()?;
     match &args.input {
         Input::Generated(text) => {
             let source = inputs::generate(&datasets_gen::Spec::parse(text)?, 0, ctx)?;
@@ -56,7 +58,7 @@ pub fn run(args: &InfoArgs, ctx: &Context) -> anyhow::Result<Exit> {
         Input::File(path) if part_info::is_part(path) => ctx.done(&PartInfo::read(path)?),
         Input::File(path) => {
             let mut options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
-            options.volumes.raw = args.raw.volume();
+            options.volumes = volumes;
             let info = import::info(path, &options)?;
             ctx.done(&InputSummary { scene: path.display().to_string(), info })
         }

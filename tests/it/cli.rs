@@ -103,6 +103,19 @@ fn people_read_sentences() {
     assert!(debug.is_empty(), "{debug:#?}");
 }
 
+/// Millions of triangles were built before it was said that their picture cannot be written.
+#[test]
+fn the_demo_looks_at_its_picture_before_it_builds() {
+    let inside = folder();
+    std::fs::write(inside.path().join("mine.png"), "mine").unwrap();
+    let before = crate::command::listing(inside.path());
+    for picture in ["demo.jpg", "mine.png"] {
+        let ran = run_in(inside.path(), &format!("demo --triangles 10k -o {picture} --json -q"));
+        ran.expect_error(2, "usage");
+        assert_eq!(crate::command::listing(inside.path()), before, "{picture}");
+    }
+}
+
 #[test]
 fn the_version_is_the_packages() {
     assert_eq!(stdout("--version"), format!("trex {}\n", env!("CARGO_PKG_VERSION")));

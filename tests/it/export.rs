@@ -271,6 +271,60 @@ fn names_that_stand_twice_are_told_apart() {
     }
 }
 
+/// Words that begin alike, and one that has the number of another: each face comes back with its colour.
+#[test]
+fn names_that_are_one_word_are_told_apart() {
+    let inside = folder();
+    let names = ["a b", "a_b", "a_b.2", "a\tb"];
+    let (mut faces, mut library) = (String::from("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\n"), String::new());
+    for (at, name) in names.iter().enumerate() {
+        faces += &format!("usemtl {name}\n{}", "f 1 2 3\n".repeat(at + 1));
+        library += &format!("newmtl {name}\nKd 0.{} 0 0\n", at + 1);
+    }
+    std::fs::write(inside.path().join("m.obj"), faces).unwrap();
+    std::fs::write(inside.path().join("m.mtl"), library).unwrap();
+    document_in(inside.path(), "build m.obj -o m.trex --no-asvo");
+    document_in(inside.path(), "export m.trex -o back.obj");
+    document_in(inside.path(), "build back.obj -o back.trex --no-asvo");
+    let of_colours = |name: &str| {
+        let path = inside.path().join(name);
+        let file = PageFile::open(&path, &Budget::unlimited()).unwrap();
+        let red = |name: &str| file.materials()[file.material_names().index_of(name).unwrap()].kd[0];
+        let mut reds: Vec<String> = content(&path).1.iter().map(|(_, name)| red(name).to_string()).collect();
+        reds.sort_unstable();
+        reds
+    };
+    let expected: Vec<String> = (1..=names.len()).flat_map(|n| vec![format!("0.{n}"); n]).collect();
+    assert_eq!((of_colours("m.trex"), of_colours("back.trex")), (expected.clone(), expected));
+}
+
+/// Coordinates that single precision would make infinite, or zero.
+#[test]
+fn what_singles_cannot_hold_is_refused_by_formats_of_singles() {
+    let inside = folder();
+    for (name, far) in [("large", "1e40"), ("small", "1e-50"), ("held", "1e30")] {
+        let mesh = format!("v 0 0 0\nv {far} 0 0\nv 0 {far} 0\nf 1 2 3\n");
+        std::fs::write(inside.path().join(format!("{name}.obj")), mesh).unwrap();
+        document_in(inside.path(), &format!("build {name}.obj -o {name}.trex --no-asvo"));
+    }
+    let before = listing(inside.path());
+    for line in ["large.trex -o a.glb", "large.trex -o a.stl", "small.trex -o a.glb", "small.trex -o a.stl"] {
+        run_in(inside.path(), &format!("export {line} --json -q")).expect_error(2, "usage");
+        assert_eq!(listing(inside.path()), before, "{line}");
+    }
+    let expected = triangles(&inside.path().join("held.trex"));
+    for format in ["glb", "stl"] {
+        document_in(inside.path(), &format!("export held.trex -o back.{format}"));
+        document_in(inside.path(), &format!("build back.{format} -o back.trex --no-asvo --overwrite"));
+        let reach =
+            |triangles: &[[[f64; 3]; 3]]| triangles.iter().flatten().flatten().copied().fold(0.0, f64::max);
+        let (back, expected) = (reach(&triangles(&inside.path().join("back.trex"))), reach(&expected));
+        assert!((back - expected).abs() < 1e-6 * expected, "{format}: {back} {expected}");
+    }
+    document_in(inside.path(), "export large.trex -o far.ply");
+    document_in(inside.path(), "export small.trex -o near.obj");
+}
+
 /// Materials of the same names look alike.
 #[track_caller]
 fn check_materials(expected: &Path, found: &Path) {

@@ -137,6 +137,7 @@ fn what_is_missing_is_asked_for() {
         ("build a.nrrd -o out.trex", 2, "usage", "--iso VALUE"),
         ("build gen:soup:10k -o out.trex --iso 5", 2, "usage", "leave --iso out"),
         ("build a.nrrd -o out.trex --iso 5 --size 4x4x4 --type uint8", 2, "usage", "leave --size out"),
+        ("info a.nrrd --size 4x4x4 --type uint8", 2, "usage", "leave --size out"),
         ("build a.raw -o out.trex --iso 5", 3, "input-format", "--size XxYxZ --type TYPE"),
         ("info a.raw", 3, "input-format", "--size XxYxZ --type TYPE"),
         ("build a.raw -o out.trex --iso 5 --size 4x4x3 --type uint8", 3, "input-format", "--size XxYxZ"),

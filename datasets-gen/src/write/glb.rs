@@ -9,7 +9,7 @@
 //! The least corner of a part is its node's translation, in double precision: so vertices of a lattice are written
 //! without loss where a part is less than 2^24 steps wide, and others as near as single precision is to the part. The
 //! asset's generator states the lattice. Materials are written as what a Phong one comes closest to in
-//! metallic-roughness, and to the letter in `KHR_materials_pbrSpecularGlossiness`.
+//! metallic-roughness, and in `KHR_materials_pbrSpecularGlossiness` for our own reader.
 //!
 //! The stream runs twice, since the JSON stands before the parts: once for their sizes, and once for what is in them.
 
@@ -34,6 +34,9 @@ const TRIANGLE_BYTES: u64 = 600;
 /// Memory of the parts of a batch.
 pub(super) const BYTES: u64 = 2 * TriangleBatch::TARGET_TRIANGLES as u64 * TRIANGLE_BYTES;
 
+/// The least roughness of what is no mirror: our reader takes what has less for one.
+const SMOOTHEST: f64 = 0.0501;
+
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
@@ -46,8 +49,8 @@ struct PartFacts {
     vertex_count: usize,
     triangle_count: usize,
     origin: [f64; 3],
-    /// The box of its positions, from `origin`.
-    hi: [f32; 3],
+    /// The far corner of its box, from `origin`.
+    hi: [f64; 3],
 }
 
 impl PartFacts {
@@ -89,6 +92,7 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     let mut lease = job.options.budget.lease("the list of parts", 0)?;
     let mut parts: Vec<PartFacts> = Vec::new();
     for_each_part(source, job, "survey", |part| {
+        job.check_single(part.facts.hi.into_iter().fold(0.0, f64::max))?;
         lease.grow("the list of parts", 2 * size_of::<PartFacts>() as u64 + PART_TEXT_BYTES)?;
         parts.push(part.facts);
         Ok(())
@@ -170,7 +174,7 @@ fn part_of(batch: &TriangleBatch, group: &[u32], (material, has_normals): (u32, 
     }
     let coordinates = |axis: usize| vertices.iter().map(move |vertex: &WindowVertex| vertex.position[axis]);
     let origin = [0, 1, 2].map(|axis| coordinates(axis).fold(f64::INFINITY, f64::min));
-    let hi = [0, 1, 2].map(|axis| coordinates(axis).map(|v| (v - origin[axis]) as f32).fold(0.0, f32::max));
+    let hi = [0, 1, 2].map(|axis| coordinates(axis).map(|v| v - origin[axis]).fold(0.0, f64::max));
     let facts = PartFacts {
         material,
         is_coloured: vertices.iter().any(|vertex| vertex.colour != WHITE),
@@ -269,7 +273,7 @@ fn mesh(json: &mut String, part: &PartFacts, accessor: &mut usize) {
 
 /// The accessors of a part, in the order in which its mesh names them; its vertices are in view `view`.
 fn accessors(json: &mut String, part: &PartFacts, view: usize) {
-    let [x, y, z] = part.hi.map(f64::from);
+    let [x, y, z] = part.hi.map(|far| f64::from(far as f32));
     let count = part.vertex_count;
     push(
         json,
@@ -322,8 +326,8 @@ fn material(json: &mut String, name: &str, material: &Material) {
     let most = material.ks.iter().copied().fold(0.0, f32::max).clamp(0.0, 1.0);
     // What a reader of the extension takes away from the diffuse part.
     let rest = 1.0 - f64::from(most);
-    let roughness =
-        if material.mirror { 0.0 } else { (2.0 / (4.0 * f64::from(material.ns) + 2.0)).powf(0.25) };
+    let of_lobe = || (2.0 / (4.0 * f64::from(material.ns) + 2.0)).powf(0.25).max(SMOOTHEST);
+    let roughness = if material.mirror { 0.0 } else { of_lobe() };
     let rgb = |of: [f64; 3]| of.map(|v| format!("{v:?}")).join(",");
     let wide = |of: [f32; 3]| of.map(f64::from);
     let diffuse = wide(material.kd).map(|kd| if rest > 0.0 { (kd / rest).min(1.0) } else { 0.0 });

@@ -25,6 +25,7 @@ use window::WindowVertex;
 use std::fmt::{self, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
@@ -71,6 +72,8 @@ pub struct WriteReport {
     pub bytes: u64,
 }
 
+/// How far a mesh of singles reaches, model units: below, vertices of a lattice of 24 bits would be rounded.
+const SINGLES: RangeInclusive<f64> = f32::MIN_POSITIVE as f64 * (1 << 24) as f64..=f32::MAX as f64;
 /// A buffer large enough that writes are sequential for any disk.
 const BUFFER_BYTES: usize = 1 << 20;
 /// Time between reports.
@@ -177,6 +180,19 @@ impl Job<'_> {
             .at(self.path)
             .numbers(format!("{count}, and {most} at most"))
             .next(self.options.too_large.clone())
+    }
+
+    /// Refuses what a format of single precision would write as infinite or round to nothing: a mesh, or a part of one,
+    /// that reaches so far, model units.
+    fn check_single(&self, reach: f64) -> Result<()> {
+        if reach == 0.0 || SINGLES.contains(&reach) {
+            return Ok(());
+        }
+        let [least, most] = [SINGLES.start(), SINGLES.end()];
+        Err(Error::new(Code::Usage, "the single precision of this format cannot hold the mesh")
+            .at(self.path)
+            .numbers(format!("it reaches {reach:.3e} units far; from {least:.0e} to {most:.0e} can be held"))
+            .next("end the name in .ply or .obj, which hold doubles"))
     }
 }
 

@@ -158,14 +158,17 @@ fn write_materials(materials: &MaterialList, job: &Job, draft: &mut Draft) -> Re
     Ok(())
 }
 
-/// The names of materials as words of the file: of two materials with the same word the later one gets its index too.
+/// The names of materials as words of the file, each of one material: of two with the same word the later one gets a
+/// number too, its index or the next that makes it a new word.
 struct MaterialWords {
     /// Hashes of the words so far.
     words: HashSet<u64>,
-    /// Whether the word of a material is an earlier one's.
-    is_taken: Vec<bool>,
+    /// What stands behind the word of each material, or [`NO_NUMBER`].
+    numbers: Vec<u32>,
     lease: Lease,
 }
+
+const NO_NUMBER: u32 = u32::MAX;
 
 /// Bytes of a material in [`MaterialWords`], whose set is half empty at worst, and is copied when it grows.
 const WORD_BYTES: u64 = 50;
@@ -178,27 +181,42 @@ pub(super) fn words_bytes(materials: usize) -> u64 {
 impl MaterialWords {
     fn new(job: &Job) -> Result<MaterialWords> {
         let lease = job.options.budget.lease(MATERIAL_WORDS, 0)?;
-        Ok(MaterialWords { words: HashSet::new(), is_taken: Vec::new(), lease })
+        Ok(MaterialWords { words: HashSet::new(), numbers: Vec::new(), lease })
     }
 
     /// Takes in the materials that were not there before.
     fn extend(&mut self, materials: &MaterialList) -> Result<()> {
-        let first = self.is_taken.len();
+        let first = self.numbers.len();
         self.lease.grow(MATERIAL_WORDS, words_bytes(materials.len() - first))?;
         for index in first..materials.len() {
             let word = one_word(materials.name(index));
-            let mut hasher = DefaultHasher::new();
-            word.hash(&mut hasher);
-            let is_new = self.words.insert(hasher.finish());
-            self.is_taken.push(!is_new || word.is_empty());
+            let is_free = !word.is_empty() && self.is_new(&word);
+            let number = if is_free { NO_NUMBER } else { self.new_number(&word, index as u32) };
+            self.numbers.push(number);
         }
         Ok(())
+    }
+
+    /// The first number from `from` on that makes a new word of `word`, which is taken in.
+    fn new_number(&mut self, word: &str, from: u32) -> u32 {
+        let mut numbers = from..NO_NUMBER;
+        numbers.find(|number| self.is_new(&format!("{word}.{number}"))).unwrap_or(NO_NUMBER)
+    }
+
+    /// Takes a word in; whether it was not there.
+    fn is_new(&mut self, word: &str) -> bool {
+        let mut hasher = DefaultHasher::new();
+        word.hash(&mut hasher);
+        self.words.insert(hasher.finish())
     }
 
     /// The name of a material as one word.
     fn name(&self, materials: &MaterialList, index: usize) -> String {
         let word = one_word(materials.name(index));
-        if self.is_taken[index] { format!("{word}.{index}") } else { word }
+        match self.numbers[index] {
+            NO_NUMBER => word,
+            number => format!("{word}.{number}"),
+        }
     }
 }
 

@@ -14,14 +14,20 @@ pub(super) fn write(source: &mut dyn TriangleSource, job: &Job) -> Result<WriteR
     let length = title.len().min(HEADER_BYTES);
     header[..length].copy_from_slice(&title[..length]);
     draft.write(&header)?;
-    let (mut count, most) = (0u64, u64::from(u32::MAX));
+    let (mut count, most, mut reach) = (0u64, u64::from(u32::MAX), 0.0f64);
     job.for_each_batch(source, "triangles", |_, batch| {
         count += batch.len() as u64;
         if count > most {
             return Err(job.too_many("triangles", count, most));
         }
+        let coordinates = batch.corners.as_flattened().as_flattened();
+        reach = coordinates.iter().fold(reach, |reach, coordinate| reach.max(coordinate.abs()));
+        if reach > 1.0 {
+            job.check_single(reach)?;
+        }
         batch.corners.iter().try_for_each(|corners| draft.write(&record(corners)))
     })?;
+    job.check_single(reach)?;
     draft.patch(HEADER_BYTES as u64, &(count as u32).to_le_bytes())?;
     let bytes = draft.finish()?.publish()?;
     Ok(WriteReport { triangle_count: count, bytes })
