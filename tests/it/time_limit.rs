@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 use trex_model::{Model, OpenOptions};
 use trex_render::{
-    Answer, CpuStage, Filter, FrameOptions, Hit, Layers, Method, NaiveMesh, NaiveTriangle, Page, PagedTracer,
-    Pages, Ray, RenderKeys, Scene, Session, SessionSetup, Tracer, WorkerThreads, pooled_tracers,
+    Answer, CpuStage, Hit, Layers, Method, NaiveMesh, NaiveTriangle, Page, PagedTracer, Pages, Ray,
+    RenderKeys, Scene, Session, SessionSetup, Tracer, WorkerThreads, pooled_tracers,
 };
 use trex_store::pool::{PagePool, PoolOptions};
 use trex_store::{Aabb, Budget, Interrupt, Material, StopSignal};
@@ -56,26 +56,6 @@ fn photons_leave_time_for_samples() {
         assert!(photons > 0 && photons < 1_000_000_000, "{flags}: {photons} photons");
         assert_eq!(ended["spp"], 1, "{flags}: {ended:#}");
     }
-}
-
-/// Frames smooth samples when these have doubled; what came since then was never smoothed, nor what came in the
-/// frame in which the time was over.
-#[test]
-fn samples_that_are_late_are_smoothed() {
-    let built = model("gen:pipes:20k");
-    let model = Model::open(built.file.path(), &OpenOptions::with_limit(256 << 20)).unwrap();
-    let mut scene = Scene::default();
-    (scene.render.resolution, scene.render.photons) = ([64, 48], 20_000);
-    (scene.render.filter, scene.given.filter) = (Filter::On, Some(Filter::On));
-    let options = FrameOptions { t_max: Duration::from_millis(20), ..FrameOptions::default() };
-    let mut live = model.live(&scene, options).unwrap();
-    while live.film().smoothed_of() == 0 || live.film().samples() == live.film().smoothed_of() {
-        live.frame(1000, &|| false);
-    }
-    let samples = live.film().samples();
-    assert!(samples < 1000, "it is done");
-    live.smooth_shown(0, &|| false);
-    assert_eq!(live.film().smoothed_of(), samples);
 }
 
 /// The clock was asked between tiles alone: a ray through five million copies of a triangle takes longer than many
