@@ -236,6 +236,7 @@ impl Model {
     }
 
     /// Sets the memory limit to the one that the model was opened with; frames come with what is planned next.
+    #[cfg(feature = "view")]
     pub(crate) fn restore_limit(&self) {
         let _room = self.lock_room();
         self.0.budget.set_limit(self.0.limit_bytes);
