@@ -78,14 +78,14 @@ export class Measure {
     dot.style.background = encoded(hit.colour);
     const is_smooth = hit.shading_normal.some((part, at) => part !== hit.normal[at]);
     const rows = [
-      ["Triangle", String(hit.triangle)],
+      ["Triangle", hit.triangle === null ? "none: the cap of a section" : String(hit.triangle)],
       ["Material", `${hit.name} (${hit.material})`],
       ["Position", vector(hit.position)],
       ["Colour", element("span", {}, dot, encoded(hit.colour))],
       ["Normal", vector(hit.normal)],
       ["Smooth normal", is_smooth ? vector(hit.shading_normal) : null],
       ["Distance", shown(hit.distance)],
-      ["Page", hit.page === undefined || hit.page === null ? null : String(hit.page)],
+      ["Page", hit.page === null ? null : String(hit.page)],
     ];
     const parts = rows.filter(([, text]) => text !== null);
     return element("dl", { class: "facts" },

@@ -14,7 +14,8 @@ use crate::surroundings::Room;
 use crate::texts;
 use crate::wire::BLOCK_SIDE;
 use trex_render::{
-    Event, Exposure, LightRig, Model, PagedTracer, Pick, RenderKeys, RenderSettings, ShadedHit, View, up_axis,
+    Event, Exposure, Hit, LightRig, Model, PagedTracer, Pick, RenderKeys, RenderSettings, ShadedHit, View,
+    up_axis,
 };
 use trex_store::{Code, Error, Result};
 
@@ -330,7 +331,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
         let hit = if is_inside { self.session_mut().pick_until(pixel, &stop) } else { None };
         let model = self.session().model();
         let hit = hit.map(|Pick { shaded: ShadedHit { hit, colour, shading_normal }, position }| HitText {
-            triangle: hit.triangle,
+            triangle: (hit.triangle != Hit::OF_CAP).then_some(hit.triangle),
             material: hit.material,
             name: name_of(model, hit.material as usize).to_owned(),
             position,
@@ -338,7 +339,7 @@ impl<T: PagedTracer + Send> SessionLoop<'_, T> {
             normal: hit.normal,
             shading_normal,
             distance: hit.t,
-            page: hit.page,
+            page: (hit.page != Hit::OF_CAP).then_some(hit.page),
         });
         self.shared.send_text(client, || text_of(&PickAnswer { id, hit }));
     }

@@ -244,7 +244,8 @@ pub(crate) struct PickAnswer {
 /// What is at a pixel.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct HitText {
-    pub(crate) triangle: u32,
+    /// None on the cap of a section, and so with the page.
+    pub(crate) triangle: Option<u32>,
     pub(crate) material: u32,
     pub(crate) name: String,
     pub(crate) position: [f64; 3],
@@ -254,7 +255,7 @@ pub(crate) struct HitText {
     /// `normal` where there is no other.
     pub(crate) shading_normal: [f32; 3],
     pub(crate) distance: f64,
-    pub(crate) page: u32,
+    pub(crate) page: Option<u32>,
 }
 
 /// How far a screenshot is.

@@ -87,7 +87,7 @@ pub struct Hit {
 
 impl Hit {
     /// The triangle, and the page, of the cap of a cut: none.
-    pub(crate) const OF_CAP: u32 = u32::MAX;
+    pub const OF_CAP: u32 = u32::MAX;
 }
 
 /// A hit, and what shades it: what its corners have beside their places.

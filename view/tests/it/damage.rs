@@ -1,14 +1,14 @@
 //! A file whose pages are damaged: what pages of the browser are told.
 
 use crate::client::Page;
-use crate::stage::{Play, SIZE, Server};
+use crate::stage::{Play, PlayModel, SIZE, Server};
 use std::collections::BTreeSet;
 
 /// A file of which every page had a flipped bit was shown as finished: "done", all light there, not a word of what was
 /// missing. Pages are told how many, which and where, and the picture is never called done.
 #[test]
 fn a_damaged_file_is_never_called_done() {
-    let server = Server::start(Play { is_damaged: true, ..Play::default() });
+    let server = Server::start(Play { shown: PlayModel::DamagedWave, ..Play::default() });
     let mut page = Page::new(&server, SIZE);
     // It is said anew, since a page may have come from a file that was damaged.
     assert_eq!(page.welcome["damage"]["page_count"], 0, "no page was asked for yet");

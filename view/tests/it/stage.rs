@@ -28,12 +28,13 @@ const SIDE: usize = 60;
 /// Size of its pictures, unless a test says another.
 pub(crate) const SIZE: [u32; 2] = [160, 120];
 
-/// The page file of the model, built once.
-fn model() -> &'static PathBuf {
-    static MODEL: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
-    let (_, path) = MODEL.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let (input, path) = (folder.path().join("wave.obj"), folder.path().join("wave.trex"));
+/// A page file, and the folder that goes with it.
+type BuiltFile = (tempfile::TempDir, PathBuf);
+
+/// The page file of a wave, which is open, built once.
+fn wave() -> &'static PathBuf {
+    static MODEL: OnceLock<BuiltFile> = OnceLock::new();
+    let kept = MODEL.get_or_init(|| {
         let mut text = String::new();
         for at in 0..(SIDE + 1) * (SIDE + 1) {
             let [x, y] = [at % (SIDE + 1), at / (SIDE + 1)].map(|i| i as f64 / SIDE as f64);
@@ -43,22 +44,43 @@ fn model() -> &'static PathBuf {
             let a = at + at / SIDE + 1;
             writeln!(text, "f {a} {} {} {}", a + SIDE + 1, a + SIDE + 2, a + 1).unwrap();
         }
-        std::fs::write(&input, text).unwrap();
-        let options = BuildOptions {
-            precision: Precision::Default,
-            voxels: trex_store::build::Voxels::Resolution(64),
-            pool: threads(),
-            budget: Budget::unlimited(),
-            temp_dir: None,
-            existing: ExistingOutput::Keep,
-            resume: None,
-            interrupt: Interrupt::default(),
-        };
-        let mut source = open(&input, &ImportOptions::unlimited(folder.path())).unwrap();
-        build(&mut *source, &path, &options, &|_| {}, &|_| {}).unwrap();
-        (folder, path)
+        built(&text)
     });
-    path
+    &kept.1
+}
+
+/// The page file of a block, which is solid, built once.
+fn block() -> &'static PathBuf {
+    static MODEL: OnceLock<BuiltFile> = OnceLock::new();
+    let kept = MODEL.get_or_init(|| {
+        let mut text = String::new();
+        for at in 0..8 {
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(at >> axis & 1) - 0.5);
+            writeln!(text, "v {} {y} {}", x + 0.5, z + 0.5).unwrap();
+        }
+        built(&(text + "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n"))
+    });
+    &kept.1
+}
+
+/// The page file of a mesh, from its OBJ text.
+fn built(text: &str) -> BuiltFile {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, path) = (folder.path().join("mesh.obj"), folder.path().join("mesh.trex"));
+    std::fs::write(&input, text).unwrap();
+    let options = BuildOptions {
+        precision: Precision::Default,
+        voxels: trex_store::build::Voxels::Resolution(64),
+        pool: threads(),
+        budget: Budget::unlimited(),
+        temp_dir: None,
+        existing: ExistingOutput::Keep,
+        resume: None,
+        interrupt: Interrupt::default(),
+    };
+    let mut source = open(&input, &ImportOptions::unlimited(folder.path())).unwrap();
+    build(&mut *source, &path, &options, &|_| {}, &|_| {}).unwrap();
+    (folder, path)
 }
 
 fn threads() -> Arc<ThreadPool> {
@@ -76,14 +98,14 @@ pub(crate) fn keys() -> RenderKeys {
     }
 }
 
-/// A file as the model's with a bit flipped in every page.
-fn damaged_model() -> &'static PathBuf {
-    static MODEL: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+/// A file as the wave's with a bit flipped in every page.
+fn damaged_wave() -> &'static PathBuf {
+    static MODEL: OnceLock<BuiltFile> = OnceLock::new();
     let (_, path) = MODEL.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("damaged.trex");
-        let file = PageFile::open(model(), &Budget::unlimited()).unwrap();
-        let mut bytes = std::fs::read(model()).unwrap();
+        let file = PageFile::open(wave(), &Budget::unlimited()).unwrap();
+        let mut bytes = std::fs::read(wave()).unwrap();
         file.pages().iter().for_each(|page| bytes[page.offset as usize + 9] ^= 0x10);
         std::fs::write(&path, bytes).unwrap();
         (folder, path)
@@ -91,12 +113,20 @@ fn damaged_model() -> &'static PathBuf {
     path
 }
 
+/// Models that there are to show.
+#[derive(Clone, Copy)]
+pub(crate) enum PlayModel {
+    Wave,
+    DamagedWave,
+    Block,
+}
+
 /// What a server shows, and how.
 #[derive(Clone, Copy)]
 pub(crate) struct Play {
     pub(crate) keys: RenderKeys,
     pub(crate) limit_bytes: u64,
-    pub(crate) is_damaged: bool,
+    pub(crate) shown: PlayModel,
     /// Materials that the model has beside its own, which nothing is made of.
     pub(crate) more_materials: usize,
     pub(crate) silence_max: Duration,
@@ -105,13 +135,17 @@ pub(crate) struct Play {
 impl Default for Play {
     fn default() -> Play {
         let (limit_bytes, silence_max) = (1 << 30, Duration::from_secs(60));
-        Play { keys: keys(), limit_bytes, is_damaged: false, more_materials: 0, silence_max }
+        Play { keys: keys(), limit_bytes, shown: PlayModel::Wave, more_materials: 0, silence_max }
     }
 }
 
 impl Play {
     fn path(&self) -> &'static PathBuf {
-        if self.is_damaged { damaged_model() } else { model() }
+        match self.shown {
+            PlayModel::Wave => wave(),
+            PlayModel::DamagedWave => damaged_wave(),
+            PlayModel::Block => block(),
+        }
     }
 }
 

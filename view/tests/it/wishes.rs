@@ -1,7 +1,7 @@
 //! What pages ask for: edits, sizes, picks, screenshots, the wheel.
 
 use crate::client::{Came, Page};
-use crate::stage::{Play, SIZE, Server, keys, rendered};
+use crate::stage::{Play, PlayModel, SIZE, Server, keys, rendered};
 use crate::stream::camera;
 use serde_json::json;
 use std::time::Duration;
@@ -183,6 +183,24 @@ fn a_pick_says_what_is_there() {
         page.say(&json!({"type": "pick", "id": 8, "pixel": pixel}));
         assert!(page.text("picked")["hit"].is_null());
     }
+}
+
+#[test]
+fn a_pick_of_a_cap_names_no_triangle() {
+    let server = Server::start(Play { shown: PlayModel::Block, ..Play::default() });
+    let mut page = Page::new(&server, SIZE);
+    let pick = |page: &mut Page, id| {
+        page.say(&json!({"type": "pick", "id": id, "pixel": [80, 60]}));
+        page.text("picked")["hit"].clone()
+    };
+    let whole = pick(&mut page, 1);
+    assert!(whole["triangle"].as_u64().unwrap() < 12 && whole["page"] == 0, "{whole}");
+    page.say(&json!({"type": "parts", "seq": 1, "parts": {"section": [[0, 0, 0, 0, -1, 0]]}}));
+    let cut = pick(&mut page, 2);
+    assert!(cut["triangle"].is_null() && cut["page"].is_null(), "{cut}");
+    assert_eq!((&cut["normal"], &cut["name"]), (&json!([0.0, 1.0, 0.0]), &json!("default")), "{cut}");
+    // A section lies less than half a step of the lattice within what it keeps.
+    assert!((-0.5_f64.powi(17)..=0.0).contains(&cut["position"][1].as_f64().unwrap()), "{cut}");
 }
 
 #[test]

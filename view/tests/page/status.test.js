@@ -143,6 +143,19 @@ test("a measure is the distance of two points of the surface", () => {
   assert.equal(measure.measures.length, 50);
 });
 
+test("the cap of a section has no triangle and no page", () => {
+  globalThis.document.createElement = () => ({ ...made(), append(...children) { this.children = children; } });
+  const measure = new Measure({ painters: [], paint() {} }, { refresh() {} });
+  const hit = { name: "steel", material: 3, position: [1, 2, 3], colour: [0, 0, 0], normal: [0, 0, 1],
+    shading_normal: [0, 0, 1], distance: 2 };
+  const texts = (ids) => measure.facts({ ...hit, ...ids }).children.flatMap((part) => part.children);
+  const of_mesh = texts({ triangle: 0, page: 0 });
+  assert.deepEqual([of_mesh[1], of_mesh.at(-1)], ["0", "0"]);
+  const of_cap = texts({ triangle: null, page: null });
+  assert.equal(of_cap[1], "none: the cap of a section");
+  assert.ok(!of_cap.includes("Page") && of_cap.includes("Distance"), of_cap.join());
+});
+
 test("of many calls within a frame the last is done", () => {
   const [frames, done] = [[], []];
   globalThis.requestAnimationFrame = (call) => frames.push(call);
