@@ -29,14 +29,14 @@ keep() {
     cargo run -q -p trex-bench -- --root "$root" record --name "trust-$1" "--command=$2" "$work/$1.json"
 }
 
-# count NAME COMMAND PATTERN ENVIRONMENT... -- PROGRAM...: runs a program, takes the number before PATTERN from what it says. A
+# count NAME COMMAND PATTERN ENVIRONMENT... -- PROGRAM...: runs a program, adds up the numbers before PATTERN in what it says. A
 # program that fails keeps no record: what it says is the report.
 count() {
     local name=$1 command=$2 pattern=$3 begin=$SECONDS cases
     shift 3
     echo "== $name: $*" >&2
     env "$@" >"$work/$name.log" 2>&1 || { tail -n 20 "$work/$name.log" >&2; return 1; }
-    cases=$(grep -oP "[0-9]+(?= $pattern)" "$work/$name.log" | tail -n 1)
+    cases=$(grep -oP "[0-9]+(?= $pattern)" "$work/$name.log" | awk '{ sum += $1 } END { print sum + 0 }')
     keep "$name" "$command" "$cases" 0 $((SECONDS - begin))
 }
 
