@@ -7,6 +7,9 @@ use crate::material_names::MaterialNames;
 use std::ops::Deref;
 use std::sync::Arc;
 
+/// The name of the material of what has none.
+pub(crate) const DEFAULT_NAME: &str = "default";
+
 /// Materials and their names, by index. Reads as a slice of materials.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaterialList {
@@ -101,7 +104,7 @@ impl<N: AsRef<str>> FromIterator<(N, Material)> for MaterialList {
 impl From<Material> for MaterialList {
     /// A list of one material, called `default`, as of inputs without names.
     fn from(material: Material) -> MaterialList {
-        MaterialList::from_iter([("default", material)])
+        MaterialList::from_iter([(DEFAULT_NAME, material)])
     }
 }
 

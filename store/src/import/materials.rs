@@ -2,10 +2,11 @@
 //!
 //! MTL text is read line by line ([`mtl`](super::mtl)), so that memory is taken for materials alone.
 //!
-//! Invariants: 1. entry 0 is the default material; 2. an entry keeps its index for good, a name that is used before
-//! it is defined is filled in later; 3. the first definition of a name wins, as the OBJ specification says of its
-//! list of libraries; 4. nothing in an MTL file is an error: what cannot be used is a warning; 5. names are looked up
-//! as files hold them, so that a long one is found by what it was cut to.
+//! Invariants: 1. entry 0 is what has no material, and grey unless a library defines one called `default`; 2. an
+//! entry keeps its index for good, a name that is used before it is defined is filled in later; 3. the first
+//! definition of a name wins, as the OBJ specification says of its list of libraries; 4. nothing in an MTL file is an
+//! error: what cannot be used is a warning; 5. names are looked up as files hold them, so that a long one is found by
+//! what it was cut to.
 
 use super::material_pictures::MaterialPictures;
 use super::mtl;
@@ -14,7 +15,7 @@ use crate::budget::{Budget, Lease};
 use crate::error::{Code, Error, Result};
 use crate::layout::MATERIALS;
 use crate::material::Material;
-use crate::material_list::MaterialList;
+use crate::material_list::{DEFAULT_NAME, MaterialList};
 use crate::material_names::stored_name;
 use crate::stamp;
 use std::borrow::Cow;
@@ -29,7 +30,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const MAX_MTL_BYTES: u64 = 64 << 20;
 
 /// Most `mtllib` names that are followed.
-const MAX_LIBRARIES: usize = 1024;
+pub(super) const MAX_LIBRARIES: usize = 1024;
 
 /// Bytes charged per material beside its name, which is kept twice: the entry, the map, and both again while they grow.
 const MATERIAL_BYTES: u64 = 320;
@@ -46,7 +47,7 @@ pub(in crate::import) fn table_bytes(count: u64, name_bytes: u64) -> u64 {
 pub(super) struct MaterialTable {
     entries: MaterialList,
     index_of_name: HashMap<Box<str>, u32>,
-    /// Names used by faces and not defined so far.
+    /// Names used by faces and not defined so far, and the default's.
     undefined: HashSet<u32>,
     /// Each with its stamp before it was read.
     libraries: BTreeMap<PathBuf, String>,
@@ -64,12 +65,12 @@ impl MaterialTable {
     pub(super) fn new(options: &ImportOptions) -> Result<MaterialTable> {
         Ok(MaterialTable {
             entries: MaterialList::from(Material::default()),
-            index_of_name: HashMap::new(),
-            undefined: HashSet::new(),
+            index_of_name: HashMap::from([(key(options.naming, DEFAULT_NAME).into(), 0)]),
+            undefined: HashSet::from([0]),
             libraries: BTreeMap::new(),
             pictures: MaterialPictures::new(options)?,
             transparent_count: 0,
-            name_bytes: "default".len() as u64,
+            name_bytes: DEFAULT_NAME.len() as u64,
             naming: options.naming,
             budget: options.budget.clone(),
             lease: options.budget.lease("materials", table_bytes(1, 0))?,
@@ -114,7 +115,7 @@ impl MaterialTable {
             return Ok(0);
         }
         let name = &*stored_name(name);
-        if let Some(&index) = self.index_of_name.get(&*self.key(name)) {
+        if let Some(&index) = self.index_of_name.get(&*key(self.naming, name)) {
             return Ok(index);
         }
         let index = self.append(name, Material::default())?;
@@ -124,8 +125,8 @@ impl MaterialTable {
 
     /// Names that faces use and no library defines, as a warning for the end of the stream.
     pub(super) fn undefined_warning(&self) -> Option<String> {
-        let first = self.undefined.iter().min()?;
-        let (name, count) = (self.entries.name(*first as usize), self.undefined.len());
+        let named = || self.undefined.iter().filter(|index| **index != 0);
+        let (name, count) = (self.entries.name(*named().min()? as usize), named().count());
         Some(format!(
             "{count} material names are not defined in any MTL file and are drawn grey; one is `{name}`"
         ))
@@ -201,7 +202,7 @@ impl MaterialTable {
 
     /// Gives the index of a material that was not defined before.
     fn define(&mut self, name: &str, material: Material) -> Result<Option<u32>> {
-        let index = match self.index_of_name.get(&*self.key(name)) {
+        let index = match self.index_of_name.get(&*key(self.naming, name)) {
             None => self.append(name, material)?,
             Some(index) if self.undefined.remove(index) => {
                 self.entries.replace(*index as usize, material);
@@ -213,14 +214,6 @@ impl MaterialTable {
         Ok(Some(index))
     }
 
-    /// What is kept of a name.
-    fn key<'a>(&self, name: &'a str) -> Cow<'a, str> {
-        match self.naming {
-            MaterialNaming::Names => Cow::Borrowed(name),
-            MaterialNaming::Hashes => Cow::Owned(format!("{:016x}", xxh3_64(name.as_bytes()))),
-        }
-    }
-
     fn append(&mut self, name: &str, material: Material) -> Result<u32> {
         if self.entries.len() >= MATERIALS {
             return Err(Error::new(Code::InputRange, "the input names too many materials")
@@ -229,7 +222,7 @@ impl MaterialTable {
                 .next("export the mesh with fewer materials"));
         }
         self.lease.grow("materials", table_bytes(1, name.len() as u64))?;
-        let (index, key) = (self.entries.len() as u32, self.key(name));
+        let (index, key) = (self.entries.len() as u32, key(self.naming, name));
         self.name_bytes += name.len() as u64;
         self.entries.push(&key, material);
         self.index_of_name.insert(key.into(), index);
@@ -237,8 +230,16 @@ impl MaterialTable {
     }
 }
 
+/// What is kept of a name.
+pub(in crate::import) fn key(naming: MaterialNaming, name: &str) -> Cow<'_, str> {
+    match naming {
+        MaterialNaming::Names => Cow::Borrowed(name),
+        MaterialNaming::Hashes => Cow::Owned(format!("{:016x}", xxh3_64(name.as_bytes()))),
+    }
+}
+
 /// The files that a `mtllib` row names: the whole row if there is such a file (names with spaces), else its words.
-fn library_paths(folder: &Path, names: &str) -> Vec<PathBuf> {
+pub(super) fn library_paths(folder: &Path, names: &str) -> Vec<PathBuf> {
     let resolve = |name: &str| {
         let path = folder.join(name);
         // Exporters on Windows write their own separators.

@@ -15,22 +15,21 @@
 //! of the factor. Other textures are not read, and where one says what is metal, nothing is. `docs/inputs.md` says the
 //! rule for users.
 //!
-//! Invariant: entry 0 is the default material; the file's follow in order.
+//! Invariant: entry 0 is what has no material, or the file's own that is called `default`; the others follow in order.
 
 use super::json::JsonDocument;
 use super::json_look::{JsonMaterial, JsonMetallicRoughness, JsonSpecularGlossiness};
+use super::json_value::Object;
 use super::textures::{Textures, base_texture};
 use crate::budget::Lease;
 use crate::error::{Code, Error, Result};
-use crate::import::materials::table_bytes;
-use crate::import::{ImportOptions, MaterialNaming};
+use crate::import::ImportOptions;
+use crate::import::materials::{key, table_bytes};
 use crate::layout::MATERIALS;
 use crate::material::Material;
-use crate::material_list::MaterialList;
+use crate::material_list::{DEFAULT_NAME, MaterialList};
 use crate::material_names::stored_name;
-use std::borrow::Cow;
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// What a colour is times, where a texture gives it that is not read: the mean of pictures in general.
 const TEXTURE_MEAN: f64 = 0.5;
@@ -54,6 +53,21 @@ pub(super) struct GltfMaterials {
     _lease: Lease,
 }
 
+/// The first material of a file that is called as the default is: it takes its place.
+pub(super) fn default_at(document: &JsonDocument<'_>) -> Option<u32> {
+    let is_default = |json: &Object<JsonMaterial<'_>>| json.name.as_deref() == Some(DEFAULT_NAME);
+    document.materials.iter().position(is_default).map(|at| at as u32)
+}
+
+/// The entry of a material by its index in the file, where that at `default_at` is the default.
+pub(super) fn entry_of(index: u32, default_at: Option<u32>) -> u32 {
+    match default_at {
+        Some(at) if index == at => 0,
+        Some(at) if index > at => index,
+        _ => index + 1,
+    }
+}
+
 impl GltfMaterials {
     /// All materials of a document.
     pub(super) fn read(
@@ -75,7 +89,7 @@ impl GltfMaterials {
         };
         let name_bytes: usize =
             materials.iter().enumerate().map(|(index, material)| name(index, material).len()).sum();
-        let name_bytes = (name_bytes + "default".len()) as u64;
+        let name_bytes = (name_bytes + DEFAULT_NAME.len()) as u64;
         let leased = table_bytes(materials.len() as u64 + 1, name_bytes);
         let lease = options.budget.lease("materials", leased)?;
         let mut all = GltfMaterials {
@@ -86,16 +100,17 @@ impl GltfMaterials {
             unread_count: textures.unread_count,
             _lease: lease,
         };
+        let default_at = default_at(document);
         for (index, json) in materials.iter().enumerate() {
             let name = name(index, json);
-            let kept = match options.naming {
-                MaterialNaming::Names => Cow::Borrowed(&*name),
-                MaterialNaming::Hashes => Cow::Owned(format!("{:016x}", xxh3_64(name.as_bytes()))),
-            };
+            let kept = key(options.naming, &name);
             let material = phong(json, &ColourFactors::of(json, textures, index as u32));
             all.transparent_count += u64::from(material.d < 1.0);
             all.textured_count += u64::from(has_other_texture(json));
-            all.entries.push(&kept, material);
+            match Some(index as u32) == default_at {
+                true => all.entries.replace(0, material),
+                false => all.entries.push(&kept, material),
+            }
         }
         Ok(all)
     }

@@ -7,6 +7,7 @@ use super::accessors::{AccessorUse, Accessors};
 use super::buffers::wrong;
 use super::draco::{self, DracoStream, StreamPart};
 use super::json::{COORDINATE_SETS, JsonAttributes, JsonDocument, JsonPrimitive};
+use super::materials;
 use super::nodes::Placement;
 use super::row_layout::RowLayout;
 use super::rows::{ElementRows, ViewPlace};
@@ -99,6 +100,8 @@ pub(super) struct Primitives {
     /// Meshes that stand in more than one place, and how often all of them stand anywhere.
     pub(super) instanced_mesh_count: u64,
     pub(super) instance_count: u64,
+    /// The file's material that is called as the default is.
+    default_at: Option<u32>,
     pub(super) lease: Lease,
 }
 
@@ -126,6 +129,7 @@ impl Primitives {
             loose_corner_count: 0,
             instanced_mesh_count: 0,
             instance_count: 0,
+            default_at: materials::default_at(document),
             lease: options.budget.lease("the primitives of a glTF file", bytes)?,
         };
         all.list.reserve_exact(count);
@@ -202,7 +206,7 @@ impl Primitives {
             coordinates: coordinates.map(Box::new),
             indices: json.indices.map(|indices| accessors.rows(indices, AccessorUse::Indices)).transpose()?,
             topology,
-            material: json.material.map_or(0, |material| material + 1),
+            material: json.material.map_or(0, |index| materials::entry_of(index, self.default_at)),
             placements,
         };
         self.lease.grow("the primitives of a glTF file", primitive.beside_bytes())?;

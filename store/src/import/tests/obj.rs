@@ -105,6 +105,30 @@ fn materials_by_name() {
 }
 
 #[test]
+fn a_material_called_default_is_that_of_what_has_none() {
+    let text = cube("f 1 2 3\nusemtl default\nf 1 2 3\nmtllib m.mtl\nusemtl a\nf 1 2 3\n");
+    let fixture = Fixture::new("a.obj", text.as_bytes());
+    let write = |text: &str| std::fs::write(fixture.folder.path().join("m.mtl"), text).unwrap();
+    write("newmtl a\nKd 0 1 0\nnewmtl default\nKd 1 0 0\nnewmtl default\nKd 0 0 1\n");
+    let mesh = fixture.read().unwrap();
+    assert_eq!(
+        (mesh.material_names, mesh.stats.warnings),
+        (["default", "default", "a"].map(String::from).into(), vec![])
+    );
+    let materials = || {
+        let mut source = super::open(&fixture.path, &fixture.options()).unwrap();
+        super::drain(&mut *source).unwrap();
+        source.materials().named().map(|(name, material)| (name.to_owned(), material.kd)).collect::<Vec<_>>()
+    };
+    let green = ("a".to_owned(), [0.0, 1.0, 0.0]);
+    assert_eq!(materials(), [("default".to_owned(), [1.0, 0.0, 0.0]), green.clone()]);
+    // Where no library defines it, there is nothing to tell.
+    write("newmtl a\nKd 0 1 0\n");
+    assert_eq!(materials(), [("default".to_owned(), [0.7; 3]), green]);
+    assert!(fixture.read().unwrap().stats.warnings.is_empty());
+}
+
+#[test]
 fn random_meshes_equal_tobj() {
     let mut random = Pcg64::new(7, 1);
     let mut text = String::from("mtllib none.mtl\n");

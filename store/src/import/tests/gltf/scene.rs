@@ -137,6 +137,28 @@ fn points_and_lines_are_left_out() {
     assert_eq!(mesh.stats.warnings.len(), 2, "{:?}", mesh.stats.warnings);
 }
 
+/// What is exported holds the default among its materials: read back, it has no second one.
+#[test]
+fn a_material_called_default_is_that_of_what_has_none() {
+    let mut glb = triangle_mesh();
+    let named = |name: &str| json!({ "name": name, "extensions": { "KHR_materials_unlit": {} } });
+    glb.json["materials"] = json!([named("a"), named("default"), named("b"), named("default")]);
+    glb.json["meshes"][0]["primitives"] = json!([
+        { "attributes": { "POSITION": 0 }, "material": 0 }, { "attributes": { "POSITION": 0 }, "material": 1 },
+        { "attributes": { "POSITION": 0 }, "material": 2 }, { "attributes": { "POSITION": 0 }, "material": 3 },
+        { "attributes": { "POSITION": 0 } },
+    ]);
+    glb.node(json!({ "mesh": 0 }));
+    let mesh = read(&glb);
+    assert_eq!(mesh.material_names, ["a", "default", "b", "default", "default"]);
+    let fixture = Fixture::new("a.glb", &glb.glb());
+    let source = crate::import::open(&fixture.path, &fixture.options()).unwrap();
+    let names: Vec<_> = source.materials().names().iter().collect();
+    // A second one of that name is another.
+    assert_eq!(names, ["default", "a", "b", "default"]);
+    assert_eq!((source.materials()[0].kd, source.materials()[1].kd), ([1.0; 3], [1.0; 3]));
+}
+
 /// The first material of a document as the one that is drawn.
 fn drawn(material: &Value) -> crate::Material {
     let mut glb = triangle_mesh();
