@@ -65,8 +65,9 @@ is served by this process alone, to who knows the token in the address. Ctrl-C e
 Exit status 1 when pages of the file that the picture asked for are damaged: it is shown without them, and says so.
 
 A page file without a scene is seen with photon, --lod-error 1, and as large as the page. A mesh is built as \
-MESH.trex beside it, once: it is opened at once from then on, until the mesh is newer. The page can be opened \
-meanwhile, and tells how far the build is. With --watch a file that changes is shown, or built and shown, again.
+MESH.trex beside it, once: it is opened at once from then on, until the mesh, or a file that it names, is newer. \
+The page can be opened meanwhile, and tells how far the build is. With --watch a file that changes is shown, or \
+built and shown, again.
 
 Examples:
   trex view statue.trex                                the browser opens by itself

@@ -17,10 +17,11 @@ use crate::context::Context;
 use crate::values::Input;
 use std::cell::Cell;
 use std::ffi::OsString;
+use std::iter;
 use std::path::{Path, PathBuf};
 use trex_model::open_scene;
 use trex_store::build::{self, ExistingOutput, Precision, Voxels};
-use trex_store::import::{ByteOrder, Format, RawVolume, VolumeOptions};
+use trex_store::import::{self, ByteOrder, Format, ImportOptions, RawVolume, VolumeOptions};
 use trex_store::output::{check_apart, draft};
 use trex_store::printable::one_line;
 use trex_store::{Code, Error, PageFile, Result, is_url};
@@ -72,8 +73,18 @@ impl ShownInput {
     }
 
     /// True when there is a build to be waited for.
-    pub fn needs_build(&self) -> bool {
-        self.inputs.first().is_some_and(|input| self.is_outdated.get() || !is_current(&self.file, input))
+    pub fn needs_build(&self, ctx: &Context) -> bool {
+        !self.inputs.is_empty() && (self.is_outdated.get() || !is_current(&self.file, &self.read_files(ctx)))
+    }
+
+    /// The files that a build reads: the mesh or volume, and what that names. What cannot be read now is left to the
+    /// build, and to the next look.
+    fn read_files(&self, ctx: &Context) -> Vec<PathBuf> {
+        let Some(Input::File(mesh)) = self.inputs.first() else { return Vec::new() };
+        let mut options = ImportOptions::new(ctx.budget.clone(), Path::new("."));
+        options.volumes = self.volumes.clone();
+        let named = import::info(mesh, &options).map(|info| info.named_files).unwrap_or_default();
+        iter::once(mesh.clone()).chain(named.into_iter().filter(|file| file.exists())).collect()
     }
 
     /// The mesh has changed: what was built of it is not shown again.
@@ -86,7 +97,7 @@ impl ShownInput {
     /// # Errors
     /// [`Code::Io`] where the folder cannot be written; those of the build.
     pub fn ready(&self, args: &ViewArgs, ctx: &Context) -> Result<PathBuf> {
-        if self.needs_build() {
+        if self.needs_build(ctx) {
             let list = InputList::whole(&self.inputs, &self.volumes);
             build_first(list, &self.file, args.output.is_none() || self.is_ours.get(), args, ctx)?;
             self.is_ours.set(true);
@@ -99,13 +110,13 @@ impl ShownInput {
         Ok(if has_scene { scene } else { self.file.clone() })
     }
 
-    /// The files whose change is another model: the mesh, or the scene and its model.
+    /// The files whose change is another model: the mesh and what it names, or the scene and its model.
     ///
     /// # Errors
     /// [`Code::Usage`] for what does not change, or is not told of.
-    pub fn watched(&self) -> Result<Vec<PathBuf>> {
+    pub fn watched(&self, ctx: &Context) -> Result<Vec<PathBuf>> {
         match self.inputs.first() {
-            Some(Input::File(mesh)) => Ok(vec![mesh.clone()]),
+            Some(Input::File(_)) => Ok(self.read_files(ctx)),
             None if !is_url(&self.file) => {
                 // A scene with a mistake is waited for, too.
                 let model = open_scene(&self.file).map_or_else(|_| self.file.clone(), |(_, model)| model);
@@ -159,14 +170,12 @@ fn beside(list: InputList<'_>) -> PathBuf {
     name.into()
 }
 
-/// True when `output` is a page file, and no older than its mesh.
-fn is_current(output: &Path, input: &Input) -> bool {
+/// True when `output` is a page file, and no older than the files that a build of it reads.
+fn is_current(output: &Path, read: &[PathBuf]) -> bool {
     let changed = |path: &Path| path.metadata().and_then(|found| found.modified());
-    let is_newer = match input {
-        Input::Generated(_) => true,
-        Input::File(mesh) => changed(output).is_ok_and(|built| changed(mesh).is_ok_and(|mesh| built >= mesh)),
-    };
-    is_newer && PageFile::superblock_of(output).is_ok()
+    let is_newer =
+        |file: &PathBuf| changed(output).is_ok_and(|built| changed(file).is_ok_and(|file| built >= file));
+    read.iter().all(is_newer) && PageFile::superblock_of(output).is_ok()
 }
 
 /// True when `scene` is one of the page file `file`.

@@ -42,7 +42,7 @@ pub fn run(args: &ViewArgs, ctx: &Context) -> anyhow::Result<Exit> {
     let mut door = Door::open(args)?;
     let mut shows = Shows::default();
     loop {
-        let watch = args.watch.then(|| Watch::begin(viewer.input.watched()?)).transpose()?;
+        let watch = args.watch.then(|| Watch::begin(viewer.input.watched(ctx)?)).transpose()?;
         let has_changed = || watch.as_ref().is_some_and(Watch::has_changed);
         match viewer.show(&mut door, &mut shows, &has_changed) {
             Ok((report, is_whole)) if ctx.interrupt.is_raised() || !has_changed() => {
@@ -102,7 +102,7 @@ impl Viewer<'_> {
         has_changed: &(dyn Fn() -> bool + Sync),
     ) -> Result<(ViewReport, bool)> {
         let ctx = self.ctx;
-        let opened = if shows.count > 0 || self.input.needs_build() {
+        let opened = if shows.count > 0 || self.input.needs_build(ctx) {
             door.tell(ctx);
             self.while_pages_wait(door, || self.open(door, &shows.served))?
         } else {

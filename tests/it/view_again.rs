@@ -174,6 +174,39 @@ fn lights_of_a_scene_count_beside_sections() {
     viewing.end().expect(0);
 }
 
+/// A library of materials that was saved again was neither seen by `--watch`, nor did the next view build anew.
+#[test]
+fn what_a_mesh_names_counts_as_the_mesh() {
+    let inside = folder();
+    let paint = |kd: f64| {
+        std::fs::write(inside.path().join("m.mtl"), format!("newmtl paint\nKd {kd} 0 0\n")).unwrap()
+    };
+    let mesh = "# a roof\nmtllib m.mtl\no roof\nv 0 0 0\nv 1 0 0\nv 1 1 1\nv 0 1 0\nusemtl paint\nf 1 2 3\nf 1 3 4\n";
+    std::fs::write(inside.path().join("m.obj"), mesh).unwrap();
+    paint(0.25);
+    let line = "m.obj --quiet --spp 1 --memory-limit 256MiB";
+    let seen = |page: &mut WebSocket<TcpStream>| {
+        say(page, &json!({"type": "materials", "id": 1, "find": "paint", "from": 0}));
+        text_until(page, |text| text["type"] == "materials")["items"][0]["kd"][0].clone()
+    };
+    let viewing = ViewProcess::start(inside.path(), &format!("{line} --watch"));
+    welcome_after_waits(&viewing);
+    let mut page = driver(&viewing);
+    assert_eq!(seen(&mut page), json!(0.25));
+    paint(0.5);
+    while page.read().is_ok() {}
+    welcome_after_waits(&viewing);
+    assert_eq!(seen(&mut driver(&viewing)), json!(0.5));
+    viewing.end().expect(0);
+    // Times of files are as coarse as the clock of the kernel.
+    std::thread::sleep(Duration::from_millis(20));
+    paint(0.75);
+    let viewing = ViewProcess::start(inside.path(), line);
+    welcome_after_waits(&viewing);
+    assert_eq!(seen(&mut driver(&viewing)), json!(0.75));
+    viewing.end().expect(0);
+}
+
 /// What waits for a screenshot is done at once: the camera of before was told with the settings that came with the new
 /// one, and the hand's page went back to it.
 #[test]

@@ -35,7 +35,7 @@ mod volume;
 use crate::error::Result;
 use crate::source::{SourceStats, TriangleSource};
 use input::Input;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use options::{ImportOptions, MaterialNaming, RawVolume, TextureUse, VolumeOptions};
 pub use scalar::ByteOrder;
@@ -61,6 +61,10 @@ pub struct InputInfo {
     /// What a volume is; `None` for meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<VolumeInfo>,
+    /// Other files that it names, there or not: buffers and pictures of a glTF file, the samples of a volume's header,
+    /// the MTL files that an OBJ file names in front of its vertices.
+    #[serde(skip)]
+    pub named_files: Vec<PathBuf>,
 }
 
 /// Opens a mesh file, or a volume, as a stream of triangles. The format comes from the file's ending (`.ply`, `.obj`,
@@ -106,22 +110,30 @@ pub fn info(path: &Path, options: &ImportOptions) -> Result<InputInfo> {
     let mut input = Input::open(path, options)?;
     let format = sniff::format(&mut input)?;
     let file_bytes = input.length();
-    let mut volume = None;
+    let (mut volume, mut named_files) = (None, Vec::new());
     let (encoding, vertex_count, face_count) = match format {
-        Format::Gltf | Format::Glb => gltf::declared(input, format, options)?,
+        Format::Gltf | Format::Glb => {
+            let source = gltf::counted(input, format, options)?;
+            named_files = source.named_files();
+            gltf::declared(&source, format)
+        }
         Format::Nrrd | Format::MetaImage | Format::Raw => {
             let (encoding, declared) = volume::declared(input, format, options)?;
+            named_files.extend(Some(PathBuf::from(&declared.sample_file)).filter(|file| file != path));
             volume = Some(declared);
             (encoding, None, None)
         }
         Format::Ply => ply::declared(&mut input)?,
-        Format::Obj => (Encoding::Ascii, None, None),
+        Format::Obj => {
+            named_files = obj::named_files(input)?;
+            (Encoding::Ascii, None, None)
+        }
         Format::Stl => match stl::form(&mut input)? {
             stl::StlForm::Ascii => (Encoding::Ascii, None, None),
             stl::StlForm::Binary { count } => (Encoding::BinaryLittleEndian, None, Some(count)),
         },
     };
-    Ok(InputInfo { format, encoding, file_bytes, vertex_count, face_count, volume })
+    Ok(InputInfo { format, encoding, file_bytes, vertex_count, face_count, volume, named_files })
 }
 
 /// Adds a warning once, and no more than there is room for.

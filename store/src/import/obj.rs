@@ -11,7 +11,7 @@
 
 use super::ImportOptions;
 use super::input::Input;
-use super::materials::MaterialTable;
+use super::materials::{MAX_LIBRARIES, MaterialTable, library_paths};
 use super::picture::CoarseCount;
 use super::polygon::{FaceCorner, MAX_POLYGON_SIDES, Polygon};
 use super::scalar::Scalar;
@@ -25,7 +25,7 @@ use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 use crate::srgb;
 use crate::stated_lattice;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Triangles of an OBJ file.
 pub(super) struct ObjSource {
@@ -50,6 +50,22 @@ pub(super) struct ObjSource {
     lattice: Option<Lattice>,
     polygon: Polygon,
     stats: SourceStats,
+}
+
+/// The MTL files that are named in front of the first row of vertices or faces.
+pub(super) fn named_files(input: Input) -> Result<Vec<PathBuf>> {
+    let folder = input.path().parent().unwrap_or(Path::new("")).to_owned();
+    let (mut text, mut files) = (Text::new(input, 1), Vec::new());
+    while text.next_row()? && files.len() < MAX_LIBRARIES {
+        match text.word()? {
+            Some(b"mtllib") => files.extend(library_paths(&folder, &text.rest()?)),
+            Some(b"g" | b"o" | b"s") => text.skip_row()?,
+            Some(word) if word.starts_with(b"#") => text.skip_line().map(drop)?,
+            Some(_) => break,
+            None => {}
+        }
+    }
+    Ok(files)
 }
 
 impl ObjSource {

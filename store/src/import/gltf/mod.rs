@@ -121,16 +121,16 @@ fn lattice(document: &JsonDocument<'_>) -> Option<Lattice> {
     stated_lattice::parse(&generator[generator.find(stated_lattice::WORDS)?..])
 }
 
+/// A source of what the file declares, without what is encoded in it.
+pub(super) fn counted(input: Input, format: Format, options: &ImportOptions) -> Result<GltfSource> {
+    open_with(input, format, SpoolUse::Counted, options)
+}
+
 /// What the file declares: encoding, vertices and triangles.
-pub(super) fn declared(
-    input: Input,
-    format: Format,
-    options: &ImportOptions,
-) -> Result<(Encoding, Option<u64>, Option<u64>)> {
-    let source = open_with(input, format, SpoolUse::Counted, options)?;
+pub(super) fn declared(source: &GltfSource, format: Format) -> (Encoding, Option<u64>, Option<u64>) {
     let encoding = if format == Format::Glb { Encoding::BinaryLittleEndian } else { Encoding::Ascii };
     let (vertices, triangles) = source.declared();
-    Ok((encoding, Some(vertices), Some(triangles)))
+    (encoding, Some(vertices), Some(triangles))
 }
 
 /// Refuses versions that are not read, and extensions that the file cannot be read without.

@@ -23,7 +23,9 @@ use crate::import::{ImportOptions, warn};
 use crate::material_list::MaterialList;
 use crate::source::{ScanHint, SourceStats, TriangleBatch, TriangleSource};
 use crate::srgb;
-use std::path::Path;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// What a file was found to hold.
@@ -113,6 +115,11 @@ impl GltfSource {
     /// Vertices and triangles that the file declares, each triangle as often as it is drawn.
     pub(super) fn declared(&self) -> (u64, u64) {
         (self.parts.primitives.vertex_count, self.parts.primitives.triangle_count)
+    }
+
+    /// The files that it names, by full path.
+    pub(in crate::import) fn named_files(&self) -> Vec<PathBuf> {
+        self.parts.named.0.iter().map(|(path, _)| OsStr::from_bytes(path).into()).collect()
     }
 
     /// Goes to the next instance that has a triangle left; false at the end.

@@ -104,6 +104,17 @@ fn materials_by_name() {
     assert_eq!(by_name("red one").kd, [1.0, 0.0, 0.0]);
 }
 
+/// Not all of a mesh is read to know them.
+#[test]
+fn info_tells_the_libraries_in_front_of_the_vertices() {
+    let text =
+        "# made by hand\nmtllib one.mtl two.mtl\n\no thing\nmtllib more.mtl\nv 0 0 0\nmtllib late.mtl\n";
+    let fixture = Fixture::new("a.obj", text.as_bytes());
+    let told = crate::import::info(&fixture.path, &fixture.options()).unwrap();
+    let expected = ["one.mtl", "two.mtl", "more.mtl"].map(|name| fixture.path.with_file_name(name));
+    assert_eq!(told.named_files, expected);
+}
+
 #[test]
 fn a_material_called_default_is_that_of_what_has_none() {
     let text = cube("f 1 2 3\nusemtl default\nf 1 2 3\nmtllib m.mtl\nusemtl a\nf 1 2 3\n");

@@ -4,6 +4,7 @@ use super::super::{Fixture, SourceMesh, SourceTriangle, same};
 use super::glb::{F32, GlbWriter, I8, I16, U8, U16, U32, floats, grid, integers, triangles};
 use crate::cluster::Normal;
 use serde_json::{Value, json};
+use std::os::unix::ffi::OsStrExt;
 
 /// Reads a writer's file as GLB, and compares.
 fn check(glb: &GlbWriter, expected: &[SourceTriangle]) -> SourceMesh {
@@ -203,6 +204,11 @@ fn buffers_beside_and_within() {
         let named = &mesh.stats.named_files;
         assert_eq!(named.len(), 1);
         assert!(named[0].0.ends_with(file.as_bytes()) && named[0].1.contains("bytes"), "{named:?}");
+        let told = crate::import::info(&fixture.path, &fixture.options()).unwrap();
+        assert_eq!(
+            told.named_files.iter().map(|path| path.as_os_str().as_bytes()).collect::<Vec<_>>(),
+            [&named[0].0]
+        );
     }
 }
 

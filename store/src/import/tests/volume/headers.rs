@@ -71,6 +71,9 @@ fn check(name: &str, file: &[u8], beside: &[(&str, &[u8])]) {
     let named: Vec<_> = mesh.stats.named_files.iter().map(|(path, _)| path.clone()).collect();
     let there = beside.iter().map(|(name, _)| fixture.path.with_file_name(name).into_os_string().into_vec());
     assert_eq!(named, there.collect::<Vec<_>>());
+    let told = info(&fixture.path, &with_values(&fixture, &[VALUE])).unwrap();
+    let told = told.named_files.into_iter().map(|path| path.into_os_string().into_vec());
+    assert_eq!(told.collect::<Vec<_>>(), named);
 }
 
 #[test]
