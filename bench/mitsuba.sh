@@ -3,7 +3,7 @@
 # million triangles, diffuse, without vertex normals, whose BSDFs differ, at the resolution given. Half an hour; no machine need be quiet.
 # Needs Python with venv, and PyPI; models that are missing are built first, of `../shared/models`.
 #
-#   bench/mitsuba.sh WORK_FOLDER [SPP]
+#   bench/mitsuba.sh WORK_FOLDER [SPP]          SCENES="NAME...": these of bench/scenes alone
 set -euo pipefail
 work=$(realpath "${1:?usage: bench/mitsuba.sh WORK_FOLDER [SPP]}")
 spp=${2:-256}
@@ -13,6 +13,7 @@ cargo build --release -q -p trex -p trex-bench
 source bench/record.sh
 scenes="isosurface"
 [ ! -d "$root/../shared/models" ] || scenes="cornell sponza $scenes"
+scenes=${SCENES:-$scenes}
 cd "$work"
 [ -e mitsuba/bin/python ] || { python3 -m venv mitsuba && mitsuba/bin/pip install -q mitsuba==3.9.1 numpy==2.4.6; }
 for scene in $scenes; do
