@@ -5,8 +5,8 @@
 Prints a document for `trex-bench record`. Reads model.trex in the folder, which stands for the scene's model. Writes
 mitsuba.exr, and diffuse.toml, the scene that `trex render` is to make of it: Mitsuba has no modified Phong, so nothing
 is glossy in either, and no surface is a mirror. Each material is exported as a mesh of its own; lamps of the model
-shine on the side of their counter-clockwise face, as do rectangles, which are black here: no ray comes to the back of
-one in these scenes.
+shine on the side of their counter-clockwise face, as do rectangles. From behind these are black here, and not there at
+all for us: in both pictures they are moved back until all of the model is in front of them.
 """
 
 import json
@@ -31,6 +31,15 @@ def spectrum(values):
     return {"type": "rgb", "value": list(map(float, values))}
 
 
+def behind(corner, normal):
+    """The corner of a rectangle, moved back until a thousandth of the model's diagonal lies between them."""
+    lo, hi = (np.array(info["bounds"][end]) for end in ("lo", "hi"))
+    nearest = np.where(normal > 0.0, lo, hi)
+    unit = normal / np.linalg.norm(normal)
+    gap = np.dot(nearest - corner, unit) - 1e-3 * np.linalg.norm(hi - lo)
+    return corner + min(gap, 0.0) * unit
+
+
 described = {
     "type": "scene",
     "integrator": {"type": "path", "max_depth": 64, "rr_depth": 16},
@@ -49,6 +58,7 @@ for index, light in enumerate(scene.get("light", [])):
     if light["type"] == "rect":
         u, v = np.array(light["edge_u"]), np.array(light["edge_v"])
         normal = np.cross(u, v)
+        light["corner"] = behind(np.array(light["corner"]), normal).tolist()
         centre = np.array(light["corner"]) + 0.5 * (u + v)
         to_world = np.eye(4)
         to_world[:3, 0], to_world[:3, 1], to_world[:3, 2] = u / 2, v / 2, normal / np.linalg.norm(normal)
